@@ -15,9 +15,12 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.geometry.hexagonal_lattice import STEPS, lattice_distance
+from palpate_edge.geometry.picture_sensor import hexagonal_counts
 from palpate_edge.geometry.points import distances, spacing
 
 NO_SPOT = -1
+SPOTS_PER_MARKER = 1.36
+WEAKEST_SHARE = 0.25  # of the markers' median strength
 AROUND = 6
 # From a predicted place to its spot, over the shortest step there; and the same for the last places of the
 # hexagon: its corners are bent most.
@@ -52,8 +55,15 @@ class Prediction(NamedTuple):
     step_px: float
 
 
-def hexagon_spots(spot_px: Array, shells: int) -> HexagonSpots | None:
-    """Return the hexagon of so many shells that holds most of the spots (n, 2); None without a lattice."""
+def hexagon_spots(spot_px: Array, strength: Array, count: int) -> HexagonSpots | None:
+    """Return the hexagon of `count` markers that holds most of the spots (n, 2); None without a lattice.
+
+    strength (n,): the spots', the strongest first. Weak ones and those beyond `SPOTS_PER_MARKER` are left
+    out: they lie anywhere.
+    """
+    shells = len(hexagonal_counts(count)) - 1
+    strong = strength > WEAKEST_SHARE * np.median(strength[:count]) if len(strength) else strength
+    spot_px = spot_px[: min(round(SPOTS_PER_MARKER * count), np.count_nonzero(strong))]
     if len(spot_px) <= AROUND:
         return None
     best = None
@@ -61,7 +71,7 @@ def hexagon_spots(spot_px: Array, shells: int) -> HexagonSpots | None:
         found = _filled(_grown(start, spot_px, shells + START_STEPS), spot_px, shells)
         if found is not None and (best is None or found.seen > best.seen):
             best = found
-        if best is not None and (best.spot != NO_SPOT).all():
+        if best is not None and best.seen == count:
             break
     return best
 

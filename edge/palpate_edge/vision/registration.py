@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices, Mask
+from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
+from palpate_edge.geometry.lattice_growth import NO_SPOT, HexagonSpots, hexagon_spots
 from palpate_edge.geometry.marker_layout import REMEDY, learn_layout
+from palpate_edge.geometry.picture_sensor import hexagonal_counts
 from palpate_edge.geometry.points import distances, repeated, spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
 from palpate_edge.vision.appearance import GREY_PREFERENCE, Appearance, appearances, plane
@@ -117,12 +119,18 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
     beads, best, _ = beads_without_layout(
         image, diameter_px, lambda places: _on_dome(places, view, radius_mm)
     )
-    dark, position_px = plane(image, best), beads.position_px
-    if len(position_px):
-        position_px = Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
+    dark = plane(image, best)
+    blobs = find_blobs(dark, diameter_px)
+    hexagon = _hexagon(blobs, sensor, view)
+    if hexagon is not None:
+        position_px, seen = hexagon.position_px, hexagon.spot != NO_SPOT
+        position_px[seen] = _refined(dark, position_px[seen], diameter_px)
+    else:
+        position_px = _refined(dark, beads.position_px, diameter_px)
         position_px = position_px[~repeated(position_px, 0.5 * diameter_px)]  # two blobs of one bead
+        seen = np.ones(len(position_px), dtype=np.bool_)
     _check_declared_count(sensor, len(position_px))
-    _check_complete(find_blobs(dark, diameter_px), position_px)
+    _check_complete(blobs, position_px)
     layout = learn_layout(sensor.camera, radius_mm, position_px)
     if sensor.markers.layout == "hexagonal" and not layout.hexagonal:
         raise CalibrationError(
@@ -130,10 +138,34 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
             "sensor.toml's markers.layout has it: correct it, or take reference frames that show all beads"
         )
     sizes_px = bead_diameters_px(sensor, View(sensor.camera, layout.pose), layout.position_mm)
-    seen = np.ones(len(position_px), dtype=np.bool_)
     return Registration(
-        best, layout.pose, position_px[layout.order], seen, sizes_px, layout.position_mm, layout.ring_of
+        best,
+        layout.pose,
+        position_px[layout.order],
+        seen[layout.order],
+        sizes_px,
+        layout.position_mm,
+        layout.ring_of,
     )
+
+
+def _hexagon(blobs: Blobs, sensor: Sensor, view: View) -> HexagonSpots | None:
+    """Return the declared hexagon where the blobs show enough of it; its other beads are predicted."""
+    markers = sensor.markers
+    if markers.layout != "hexagonal" or not isinstance(markers.count, int):
+        return None
+    if markers.count not in hexagonal_counts(markers.count) or not len(blobs.strength):
+        return None
+    on_dome = blobs.chosen(_on_dome(blobs.position_px, view, markers.radius_mm))
+    found = hexagon_spots(on_dome.position_px, on_dome.strength, markers.count)
+    return None if found is None or found.seen < MIN_BEADS_SHARE * markers.count else found
+
+
+def _refined(dark: Plane, position_px: Array, diameter_px: float) -> Array:
+    """Return the sub-pixel places (n, 2) of beads."""
+    if not len(position_px):
+        return position_px
+    return Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
 
 
 def _check_declared_count(sensor: Sensor, found: int) -> None:

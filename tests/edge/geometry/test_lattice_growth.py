@@ -74,7 +74,7 @@ def wrong(found, truth, tolerance):
 def test_every_marker_is_found_among_false_spots(shells, bend, seed):
     count = 1 + 3 * shells * (shells + 1)
     truth, spots = picture(bend(hexagon_px(shells)), seed, false=count // 10)
-    found = hexagon_spots(spots, shells)
+    found = hexagon_spots(spots, np.ones(len(spots)), count)
     assert (found.seen, wrong(found, truth, 0.3)) == (count, 0)
     np.testing.assert_array_equal(found.position_px, spots[found.spot])
 
@@ -83,7 +83,7 @@ def test_every_marker_is_found_among_false_spots(shells, bend, seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_hidden_markers_are_where_the_others_show_under_a_press(bend, seed):
     truth, spots = picture(bend(pressed(hexagon_px(10), seed)), seed, hidden=12)
-    found = hexagon_spots(spots, 10)
+    found = hexagon_spots(spots, np.ones(len(spots)), 331)
     hidden = found.spot == NO_SPOT
     assert found.seen == 331 - 12
     assert wrong(found, truth, 0.7) == 0
@@ -91,11 +91,19 @@ def test_hidden_markers_are_where_the_others_show_under_a_press(bend, seed):
     assert np.median(apart) < 0.2 * PITCH_PX
 
 
+def test_a_weak_spot_takes_no_marker_s_place():
+    truth, spots = picture(hexagon_px(5), 1, hidden=1)
+    hidden = truth[np.linalg.norm(truth[:, None] - spots[None], axis=2).min(axis=1).argmax()]
+    spots = np.vstack([spots, hidden + np.array([0.3 * PITCH_PX, 0.0])])
+    for weak, seen in ((0.2, 90), (0.3, 91)):
+        assert hexagon_spots(spots, np.append(np.ones(90), weak), 91).seen == seen
+
+
 def test_a_spot_outside_the_hexagon_is_no_marker():
     truth, spots = picture(hexagon_px(5), 1, hidden=1)
     middle = truth.mean(axis=0)
     outside = middle + 1.2 * (truth[0] - middle)
-    found = hexagon_spots(np.vstack([spots, outside]), 5)
+    found = hexagon_spots(np.vstack([spots, outside]), np.ones(len(spots) + 1), 91)
     assert len(spots) not in found.spot
 
 
@@ -104,7 +112,7 @@ def test_a_spot_outside_the_hexagon_is_no_marker():
 )
 def test_spots_without_a_lattice_give_none_or_few(spots):
     spots = np.hstack([spots, spots])[:, :2]
-    found = hexagon_spots(spots, 5)
+    found = hexagon_spots(spots, np.ones(len(spots)), 91)
     assert found is None or found.seen < 60
 
 
@@ -114,9 +122,10 @@ def test_spots_without_a_lattice_give_none_or_few(spots):
 )
 @settings(max_examples=50, deadline=None)
 def test_any_spots_give_a_hexagon_of_finite_places_or_none(spots, shells):
-    found = hexagon_spots(spots, shells)
+    count = 1 + 3 * shells * (shells + 1)
+    found = hexagon_spots(spots, np.ones(len(spots)), count)
     if found is not None:
-        assert found.position_px.shape == (1 + 3 * shells * (shells + 1), 2)
+        assert found.position_px.shape == (count, 2)
         assert np.isfinite(found.position_px).all()
         used = found.spot[found.spot != NO_SPOT]
         assert len(np.unique(used)) == len(used)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from palpate_edge.calibration.measurement import measure
 from palpate_edge.common.arrays import Array
 from palpate_edge.datasets.press_dataset import read_dataset
-from palpate_edge.vision.registration import register_best
+from palpate_edge.vision.registration import register, register_best
 from palpate_twin.camera.hard_looks import with_properties
 from palpate_twin.camera.random_sensor import random_sensor
 from palpate_twin.camera.renderer import CameraView
@@ -43,6 +44,28 @@ def test_a_layout_is_learned_from_the_frames_that_show_it() -> None:
     found = register_best([first, other, well_lit], view.twin.sensor)
     assert len(found.position_px) >= 60
     assert (apart_px(found.position_px, view.outlines(None)[0]).min(axis=1) < 3).all()
+
+
+@pytest.mark.long
+def test_hidden_beads_of_a_declared_hexagon_are_placed_by_the_others() -> None:
+    """Ten beads of 127 are painted over, three of them in the outermost shell."""
+    view = view_of("tactip-127", 2102)
+    true_px = view.outlines(None)[0]
+    outwards = np.argsort(np.linalg.norm(true_px - true_px.mean(axis=0), axis=1))
+    hidden = outwards[[0, 9, 20, 33, 47, 62, 80, 95, 110, 126]]
+    image = view.frame(None, np.random.default_rng(1))[0]
+    mask = np.zeros(image.shape[:2], np.uint8)
+    for x, y in np.rint(true_px[hidden]).astype(int).tolist():
+        cv2.circle(mask, (x, y), 14, 255, cv2.FILLED)
+    image = np.asarray(cv2.inpaint(image, mask, 3, cv2.INPAINT_TELEA), np.uint8)
+    sensor = view.twin.sensor
+    declared = msgspec.structs.replace(sensor.markers, rings=(), count=127, layout="hexagonal")
+    found = register(image, msgspec.structs.replace(sensor, markers=declared))
+    apart = apart_px(found.position_px, true_px)
+    assert sorted(apart.argmin(axis=1)) == list(range(127))
+    assert int(found.seen.sum()) == 117
+    spacing_px = np.sort(apart_px(true_px, true_px), axis=1)[:, 1]
+    assert (apart.min(axis=1)[~found.seen] < 0.25 * spacing_px.mean()).all()
 
 
 @pytest.mark.long

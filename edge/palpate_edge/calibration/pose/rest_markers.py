@@ -13,7 +13,7 @@ from palpate_edge.datasets.pose_dataset import PoseDataset
 from palpate_edge.estimation.pose.pairing import Pairing
 from palpate_edge.estimation.pose.spot_detection import SpotDetector
 from palpate_edge.geometry.lattice_growth import NO_SPOT, hexagon_spots
-from palpate_edge.geometry.picture_sensor import PictureMarkers, hexagonal_counts
+from palpate_edge.geometry.picture_sensor import PictureMarkers
 from palpate_edge.geometry.points import spacing
 from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
@@ -24,7 +24,6 @@ from palpate_edge.vision.unknown_layout import beads_without_layout
 FEWEST_MARKERS = 7
 MIN_CLEAR_SHARE = 0.9  # of a declared count; the others touch a neighbour or lie in bad light
 NEAREST_RANGE = (0.6, 1.6)  # distance of such a marker to the nearest one, in spacings
-SPOTS_PER_MARKER = 1.36  # of the strongest, among which a hexagon's markers are
 WEAKEST_SHARE = 0.35  # of the median marker's strength at rest
 THRESHOLD_OVER_NOISE = 2.0  # contact threshold over the largest motion between reference frames
 THRESHOLD_FLOOR_PX = 0.1
@@ -81,8 +80,7 @@ def _any_layout(
 def _hexagon(dark: Plane, spots: Blobs, markers: PictureMarkers, diameter_px: float, path: Path) -> Array:
     """Return the places (n, 2) of a hexagon's markers; those that are not seen are where the others show."""
     assert markers.count is not None
-    some = spots.strongest(round(SPOTS_PER_MARKER * markers.count))
-    found = hexagon_spots(some.position_px, len(hexagonal_counts(markers.count)) - 1)
+    found = hexagon_spots(spots.position_px, spots.strength, markers.count)
     seen = 0 if found is None else found.seen
     if found is None or seen < MIN_CLEAR_SHARE * markers.count:
         raise CalibrationError(
@@ -91,7 +89,7 @@ def _hexagon(dark: Plane, spots: Blobs, markers: PictureMarkers, diameter_px: fl
         )
     is_seen = found.spot != NO_SPOT
     place_px = found.position_px
-    seen_spots = Blobs(place_px[is_seen], some.strength[found.spot[is_seen]])
+    seen_spots = Blobs(place_px[is_seen], spots.strength[found.spot[is_seen]])
     place_px[is_seen] = _refined(dark, seen_spots, diameter_px)
     return place_px
 
