@@ -4,7 +4,8 @@ A contact's position refers to the undeformed dome, so it identifies a material 
 object sticks, the position stays, however far the skin is sheared: the beads move with the contact. When the
 object slides or rolls, the position travels. Sliding needs the friction limit: silicone on dry solids has a
 friction coefficient of 0.5 or more, so travel with a lower ratio of tangential to normal force is rolling. At
-a higher ratio, with travel along the tangential force, friction drags the skin along: slip.
+a higher ratio, with travel along the tangential force, friction drags the skin along: slip. The ratio is a
+mean of three frames: rolling under a high load reaches the limit in single ones.
 
 Not detected: a flat face that slides over the dome touches the same skin as before. From the first local slip
 until the whole face slides, the beads' displacement field keeps its shape within 1 % (finite elements,
@@ -17,24 +18,34 @@ import math
 from collections import deque
 from operator import mul
 
+import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact, Vector3
 
 WINDOW_US = 1_000_000
-END_FRAMES = 3  # averaged at either end of the window
+END_FRAMES = 3  # averaged at either end of the window, and the last ones' force ratios
 MIN_TRAVEL_MM = 1.0
 TRAVEL_OVER_RADIUS = 2.0  # times the largest 95 % radius within the window: noise is no travel
 MIN_FORCE_RATIO = 0.45  # of tangential to normal force; the rolling plates reach 0.4
 MIN_COSINE = 0.5  # of the angle between travel and tangential force
 
 
+class _SeenContact(msgspec.Struct, frozen=True):
+    """A frame's contact: its place, the 95 % radius of that, and the ratio of tangential to normal force."""
+
+    exposed_at_us: int
+    position_mm: Vector3
+    radius_mm: float
+    force_ratio: float
+
+
 class SlipDetector:
     """Detects slip of one fingertip's contacts, frame by frame."""
 
     def __init__(self) -> None:
-        self._past: deque[tuple[int, Vector3, float]] = deque()  # time, position, its 95 % radius
+        self._past: deque[_SeenContact] = deque()
 
     def detect(self, contact: Contact) -> bool:
         """Return whether the object slides over the skin; False without a contact or its force."""
@@ -43,24 +54,33 @@ class SlipDetector:
             return False
         position, force = contact.position_mm, contact.force_N
         radius_mm = math.inf if contact.radius95_mm is None else contact.radius95_mm
-        self._past.append((contact.exposed_at_us, position, radius_mm))
-        while contact.exposed_at_us - self._past[0][0] > WINDOW_US:
-            self._past.popleft()
         normal_N = -sum(map(mul, force, position)) / math.hypot(*position)
-        if normal_N <= 0 or math.hypot(*force) < math.hypot(1.0, MIN_FORCE_RATIO) * normal_N:
+        ratio = 0.0
+        if normal_N > 0.0:
+            ratio = math.sqrt(max(0.0, sum(map(mul, force, force)) - normal_N**2)) / normal_N
+        self._past.append(_SeenContact(contact.exposed_at_us, position, radius_mm, ratio))
+        while contact.exposed_at_us - self._past[0].exposed_at_us > WINDOW_US:
+            self._past.popleft()
+        if ratio < MIN_FORCE_RATIO or self._mean_ratio() < MIN_FORCE_RATIO:
             return False  # most contacts end here, before anything slower
         outward = np.array(position) / math.hypot(*position)
         tangential = np.array(force) + normal_N * outward
         tangential_N = float(np.linalg.norm(tangential))
         travel = self._travel_mm()
         travel_mm = float(np.linalg.norm(travel))
-        if travel_mm < max(MIN_TRAVEL_MM, TRAVEL_OVER_RADIUS * max(radius for *_, radius in self._past)):
+        largest_mm = max(seen.radius_mm for seen in self._past)
+        if travel_mm < max(MIN_TRAVEL_MM, TRAVEL_OVER_RADIUS * largest_mm):
             return False
         return float(travel @ tangential) >= MIN_COSINE * travel_mm * tangential_N
 
+    def _mean_ratio(self) -> float:
+        """Return the mean force ratio of the last frames: the noise of one frame is no slip."""
+        count = min(END_FRAMES, len(self._past))
+        return sum(self._past[-number].force_ratio for number in range(1, count + 1)) / count
+
     def _travel_mm(self) -> Array:
         """Return the contact's travel (3,) over the skin within the window."""
-        places = [place for _, place, _ in self._past]
+        places = [seen.position_mm for seen in self._past]
         if len(places) < 2 * END_FRAMES:
             return np.zeros(3)
         return np.asarray(np.mean(places[-END_FRAMES:], axis=0) - np.mean(places[:END_FRAMES], axis=0))
