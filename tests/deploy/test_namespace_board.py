@@ -73,6 +73,9 @@ def test_a_bare_board_is_made_to_serve(board):
 
 
 def test_a_second_run_changes_nothing(board):
+    """Also where apt's lists are older than a day, with base_apt_update=false: no mirror is near."""
+    stamps = "/var/lib/apt/lists", "/var/lib/apt/periodic/update-success-stamp"
+    board.machine.run("touch", "--no-create", "--date=2 days ago", *stamps)
     assert board.play("site").well().changed == 0
 
 
