@@ -15,6 +15,8 @@ import csv
 import math
 from pathlib import Path
 
+from bench.linked_poses import LinkedPress, write_linked
+
 FOLDER = Path("data/real/surface_3d/tap/csv_train")
 LABELS = {"depth_mm": "pose_3", "tilt_x_deg": "pose_4", "tilt_y_deg": "pose_5"}
 REFERENCES, TEST_EVERY = 5, 4
@@ -47,18 +49,18 @@ def make_dataset(source: Path, output: Path, presses: int | None = None) -> None
     train = [row for row in pressed if row not in test]
     if presses is not None:
         train = [train[at * len(train) // presses] for at in range(presses)]
-    for folder, some in (("reference", light), ("frames", [*train, *test])):
-        (output / folder).mkdir(parents=True)
-        for row in some:
-            picture = source / "images" / row["sensor_image"]
-            (output / folder / picture.name).symlink_to(picture.resolve())
-    with (output / "truth.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frame", "split", *LABELS])
-        for split, some in (("train", train), ("test", test)):
-            for row in some:
-                writer.writerow([row["sensor_image"], split, *(row[column] for column in LABELS.values())])
-    (output / "sensor.toml").write_text(SENSOR)
+    pictures = source / "images"
+    linked = [
+        LinkedPress(
+            row["sensor_image"],
+            pictures / row["sensor_image"],
+            split,
+            [row[column] for column in LABELS.values()],
+        )
+        for split, some in (("train", train), ("test", test))
+        for row in some
+    ]
+    write_linked(output, [pictures / row["sensor_image"] for row in light], LABELS, linked, SENSOR)
 
 
 def _touch_mm(row: dict[str, str]) -> float:

@@ -18,6 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from bench.linked_poses import LinkedPress, write_linked
+
 LABELS = {
     "depth_mm": "pose_z",
     "tilt_x_deg": "pose_Rx",
@@ -45,29 +47,28 @@ def main() -> None:
 
 def make_dataset(train: Path, val: Path, output: Path, presses: int | None = None) -> None:
     """Write sensor.toml, truth.csv and links to the pictures."""
-    for name in ("reference", "frames"):
-        (output / name).mkdir(parents=True)
     rows = _rows(train)
     references = _references(train, rows)
     kept = (
         rows if presses is None else [rows[at] for at in np.linspace(0, len(rows) - 1, presses).astype(int)]
     )
-    for path in references:
-        (output / "reference" / path.name).symlink_to(path.resolve())
-    with (output / "truth.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frame", "split", *LABELS])
-        for split, folder, some in (("train", train, kept), ("test", val, _rows(val))):
-            for row in some:
-                name = f"{split}_{row['sensor_image']}"
-                (output / "frames" / name).symlink_to(_pictures(folder) / row["sensor_image"])
-                writer.writerow([name, split, *(row[column] for column in LABELS.values())])
+    linked = [
+        LinkedPress(
+            f"{split}_{row['sensor_image']}",
+            _pictures(folder) / row["sensor_image"],
+            split,
+            [row[column] for column in LABELS.values()],
+        )
+        for split, folder, some in (("train", train, kept), ("test", val, _rows(val)))
+        for row in some
+    ]
     height, width = cv2.imread(str(references[0]), cv2.IMREAD_GRAYSCALE).shape
-    (output / "sensor.toml").write_text(
+    sensor = (
         f"[camera]\nwidth = {width}\nheight = {height}\n"
         f'[markers]\ndiameter_px = {DIAMETER_PX}\nlayout = "hexagonal"\ncount = {PINS}\n'
         f"{_axes(train)}"
     )
+    write_linked(output, references, LABELS, linked, sensor)
 
 
 def _axes(train: Path) -> str:

@@ -56,17 +56,19 @@ class Prediction(NamedTuple):
 
 
 def hexagon_spots(spot_px: Array, strength: Array, count: int) -> HexagonSpots | None:
-    """Return the hexagon of `count` markers that holds most of the spots (n, 2); None without a lattice.
+    """Return the hexagon of `count` markers that holds most of the spots (n, 2).
+
+    None without a lattice, and for a count that fills no hexagon.
 
     strength (n,): the spots', the strongest first. Weak ones and those beyond `SPOTS_PER_MARKER` are left
     out: they lie anywhere.
     """
-    shells = len(hexagonal_counts(count)) - 1
+    counts = hexagonal_counts(count)
     strong = strength > WEAKEST_SHARE * np.median(strength[:count]) if len(strength) else strength
     spot_px = spot_px[: min(round(SPOTS_PER_MARKER * count), np.count_nonzero(strong))]
-    if len(spot_px) <= AROUND:
+    if counts[-1] != count or len(spot_px) <= AROUND:
         return None
-    best = None
+    shells, best = len(counts) - 1, None
     for start in _starts(spot_px):
         found = _filled(_grown(start, spot_px, shells + START_STEPS), spot_px, shells)
         if found is not None and (best is None or found.seen > best.seen):

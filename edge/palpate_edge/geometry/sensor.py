@@ -147,6 +147,8 @@ class View:
 
     def rays(self, pixels: Array) -> Array:
         """Return the unit directions (n, 3) in F of the rays through pixels (n, 2)."""
+        if not len(pixels):
+            return np.zeros((0, 3))  # OpenCV takes no empty array
         undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
         flat = undistort(np.ascontiguousarray(pixels).reshape(-1, 1, 2), self._matrix, self._distortion)
         flat = np.asarray(flat, dtype=np.float64).reshape(-1, 2)

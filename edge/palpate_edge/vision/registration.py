@@ -7,18 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane
+from palpate_edge.common.arrays import Array, Image, Indices, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.geometry.camera_pose import fit_pose
 from palpate_edge.geometry.lattice_growth import NO_SPOT, HexagonSpots, hexagon_spots
 from palpate_edge.geometry.marker_layout import REMEDY, learn_layout
-from palpate_edge.geometry.picture_sensor import hexagonal_counts
 from palpate_edge.geometry.points import distances, repeated, spacing
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View, bead_layout_mm
 from palpate_edge.vision.appearance import GREY_PREFERENCE, Appearance, appearances, plane
 from palpate_edge.vision.assignment import NO_PARTNER, assign
 from palpate_edge.vision.blob_detection import Blobs, find_blobs, strongest_other
-from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.subpixel import refined_places
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 MIN_BEADS_SHARE = 0.9  # of the layout that a reference frame must show
@@ -124,9 +123,9 @@ def _learn(image: Image, sensor: Sensor) -> Registration:
     hexagon = _hexagon(blobs, sensor, view)
     if hexagon is not None:
         position_px, seen = hexagon.position_px, hexagon.spot != NO_SPOT
-        position_px[seen] = _refined(dark, position_px[seen], diameter_px)
+        position_px[seen] = refined_places(dark, position_px[seen], diameter_px)
     else:
-        position_px = _refined(dark, beads.position_px, diameter_px)
+        position_px = refined_places(dark, beads.position_px, diameter_px)
         position_px = position_px[~repeated(position_px, 0.5 * diameter_px)]  # two blobs of one bead
         seen = np.ones(len(position_px), dtype=np.bool_)
     _check_declared_count(sensor, len(position_px))
@@ -154,18 +153,9 @@ def _hexagon(blobs: Blobs, sensor: Sensor, view: View) -> HexagonSpots | None:
     markers = sensor.markers
     if markers.layout != "hexagonal" or not isinstance(markers.count, int):
         return None
-    if markers.count not in hexagonal_counts(markers.count) or not len(blobs.strength):
-        return None
     on_dome = blobs.chosen(_on_dome(blobs.position_px, view, markers.radius_mm))
     found = hexagon_spots(on_dome.position_px, on_dome.strength, markers.count)
     return None if found is None or found.seen < MIN_BEADS_SHARE * markers.count else found
-
-
-def _refined(dark: Plane, position_px: Array, diameter_px: float) -> Array:
-    """Return the sub-pixel places (n, 2) of beads."""
-    if not len(position_px):
-        return position_px
-    return Refiner(np.full(len(position_px), diameter_px)).refine(dark, position_px).position_px
 
 
 def _check_declared_count(sensor: Sensor, found: int) -> None:

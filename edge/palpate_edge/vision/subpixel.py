@@ -64,6 +64,13 @@ class Levels(NamedTuple):
     unevenness: Floats
 
 
+def refined_places(dark: Plane, start_px: Array, diameter_px: float) -> Array:
+    """Return the sub-pixel places (n, 2) of beads of one diameter near `start_px` (n, 2), in one plane."""
+    if not len(start_px):
+        return start_px
+    return Refiner(np.full(len(start_px), diameter_px)).refine(dark, start_px).position_px
+
+
 class Refiner:
     """Measures weighted centroids of many beads at once; one object serves all frames of a layout.
 

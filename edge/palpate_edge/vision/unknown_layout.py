@@ -144,7 +144,7 @@ def _candidates(dark: Plane, appearance: Appearance, diameter_px: float, may_hol
     """Return the strongest blobs of a plane where beads may be."""
     blobs = find_blobs(dark, diameter_px)
     place, strength = blobs.position_px[:MAX_CANDIDATES], blobs.strength[:MAX_CANDIDATES]
-    inside = may_hold(place) if len(place) else np.zeros(0, dtype=np.bool_)
+    inside = may_hold(place)
     place, strength = place[inside], strength[inside]
     profile = disk_profile(dark, place, diameter_px)
     saturated = np.zeros(len(place), dtype=np.bool_)

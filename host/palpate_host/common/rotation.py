@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from palpate_edge.common.arrays import Array
+from palpate_host.common import rows
 
 _SMALL_ANGLE_RAD = 1e-8
 _NEAR_HALF_TURN = 1e-6
@@ -16,8 +17,7 @@ _GIMBAL_LOCK = 1e-9
 
 def cross(a: Array, b: Array) -> Array:
     """a x b of two vectors (3,); numpy's own spends most of its time on shapes."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return np.array(rows.cross(a.tolist(), b.tolist()))
 
 
 def norm(v: Array) -> float:

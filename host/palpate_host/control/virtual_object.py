@@ -27,7 +27,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
-from palpate_host.common.rows import Row
+from palpate_host.common.rows import Row, cross
 from palpate_host.control.kinematics import HandPose
 
 KEPT = 128
@@ -210,7 +210,4 @@ def times(matrix: Sequence[Row], v: Row) -> Row:
 
 def moment_rows(arm_m: Sequence[Row], force: Sequence[Row]) -> list[Row]:
     """Return a_i x f_i of n rows."""
-    return [
-        (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
-        for (x, y, z), (fx, fy, fz) in zip(arm_m, force, strict=True)
-    ]
+    return [cross(arm, pull) for arm, pull in zip(arm_m, force, strict=True)]

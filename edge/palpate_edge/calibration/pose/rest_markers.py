@@ -18,7 +18,7 @@ from palpate_edge.geometry.points import spacing
 from palpate_edge.vision.appearance import Appearance, plane
 from palpate_edge.vision.blob_detection import Blobs, find_blobs
 from palpate_edge.vision.neighbourhood import rms
-from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.subpixel import refined_places
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 FEWEST_MARKERS = 7
@@ -74,7 +74,7 @@ def _any_layout(
             f"{path}: {len(clear.strength)} markers were found, "
             f"{needed} are {'declared' if markers.count else 'needed'}: {WAY_OUT}"
         )
-    return _refined(dark, clear.strongest(needed if markers.count else len(clear.strength)), diameter_px)
+    return refined_places(dark, clear.position_px[: markers.count], diameter_px)
 
 
 def _hexagon(dark: Plane, spots: Blobs, markers: PictureMarkers, diameter_px: float, path: Path) -> Array:
@@ -87,17 +87,9 @@ def _hexagon(dark: Plane, spots: Blobs, markers: PictureMarkers, diameter_px: fl
             f"{path}: {seen} of the {markers.count} markers of a hexagonal layout were found, at least "
             f"{MIN_CLEAR_SHARE:.0%} are needed: {WAY_OUT}, or leave markers.layout out"
         )
-    is_seen = found.spot != NO_SPOT
-    place_px = found.position_px
-    seen_spots = Blobs(place_px[is_seen], spots.strength[found.spot[is_seen]])
-    place_px[is_seen] = _refined(dark, seen_spots, diameter_px)
+    place_px, is_seen = found.position_px, found.spot != NO_SPOT
+    place_px[is_seen] = refined_places(dark, place_px[is_seen], diameter_px)
     return place_px
-
-
-def _refined(dark: Plane, blobs: Blobs, diameter_px: float) -> Array:
-    """Return the sub-pixel places (n, 2) of blobs."""
-    refiner = Refiner(np.full(len(blobs.strength), diameter_px))
-    return refiner.refine(dark, blobs.position_px).position_px
 
 
 def _clear_markers(image: Image, dataset: PoseDataset) -> tuple[Blobs, Appearance, float]:

@@ -77,7 +77,7 @@ class ContactFitter:
         self._offset = fields.offset.array()
         self._fields = fields.shapes.array()
         # (3 g, p + 1): from the shapes' coefficients to the weights of the kernels.
-        skin = kernel_weights(fields.shapes.array().astype(np.float64))
+        skin = kernel_weights(self._fields.astype(np.float64))
         self._skin = np.ascontiguousarray(skin.reshape(len(skin), -1).T, dtype=np.float32)
         _, mm_per_px = reader.geometry
         self._px_per_mm = np.linalg.pinv(mm_per_px).astype(np.float32)
