@@ -19,9 +19,9 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.config.geometry_config import GeometryConfig
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.control_law import Gains, joint_torque_Nm, limit_torque_Nm
+from palpate_host.control.control_law import joint_torque_Nm, limit_torque_Nm
+from palpate_host.control.gains import Gains, gains_of
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.manipulation import gains_of
 from palpate_host.control.virtual_frame import contact_frame, desired_virtual_frame, virtual_frame
 from palpate_host.service.host import load_hand
 

@@ -11,7 +11,7 @@ import numpy as np
 import palpate_host
 from bench.timing import Row, table, time_each
 from palpate_host.control.control_law import joint_torque_Nm
-from palpate_host.control.manipulation import gains_of
+from palpate_host.control.gains import gains_of
 from palpate_host.service.host import load_hand
 from palpate_twin.hand.engine import Engine
 from palpate_twin.paper.figure_data import Law

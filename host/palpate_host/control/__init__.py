@@ -13,6 +13,7 @@ __getattr__ = lazy_exports(
     {
         "kinematics": "HandKinematics HandPose",
         "manipulation": "Manipulation",
-        "control_law": "Gains joint_torque_Nm",
+        "gains": "Gains",
+        "control_law": "joint_torque_Nm",
     },
 )

@@ -10,49 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.rows import Row
+from palpate_host.control.gains import Gains
 from palpate_host.control.kinematics import HandPose
 
 SINE_LIMIT_RAD = math.radians(60.0)
 COSINE_LIMIT = math.cos(SINE_LIMIT_RAD)
 _Rows = list[Row]
-
-
-@dataclass(frozen=True, slots=True)
-class Gains:
-    """The gains of Tables 3 and 4, and the limits that real friction and real motors add.
-
-    f_d_N: nominal grasping force. K_r: orientation gain. B_Nms_rad: (nq,) joint damping.
-    tip_radius_m: r. friction_ratio: largest |F_di| over that finger's grasp force.
-    torque_limit_Nm: (nq,) per joint. q_min_rad, q_max_rad: (nq,) joint range. soft_limit_rad: width of
-    the zone before a range's end in which torque outwards fades. velocity_joints: joints turn with torque /
-    B_d. object_weight_N, position_stiffness_N_m: see `carrying_force_N`.
-    """
-
-    f_d_N: float
-    K_r: float
-    B_Nms_rad: Array
-    tip_radius_m: float
-    friction_ratio: float
-    torque_limit_Nm: Array
-    q_min_rad: Array
-    q_max_rad: Array
-    object_weight_N: float = 0.0
-    position_stiffness_N_m: float = 0.0
-    soft_limit_rad: float = 0.05
-    velocity_joints: bool = False
-    joint_rows: tuple[Row, ...] = field(init=False, repr=False, compare=False)
-    """Range and torque limit of each joint in plain floats, for `limit_torque_Nm`."""
-
-    def __post_init__(self) -> None:
-        low, high, most = self.q_min_rad.tolist(), self.q_max_rad.tolist(), self.torque_limit_Nm.tolist()
-        object.__setattr__(self, "joint_rows", tuple(zip(low, high, most, strict=True)))
 
 
 def grasp_force_N(tip_centre_m: Array, gains: Gains) -> Array:
@@ -211,12 +180,3 @@ def limit_torque_Nm(u_Nm: Array, q_rad: Array, gains: Gains) -> Array:
         limit = most if ahead_rad >= soft_rad else most * max(ahead_rad, 0.0) / soft_rad
         limited.append(limit if u > limit else -limit if u < -limit else u)
     return np.array(limited)
-
-
-def target_step(full_turn_rad: Array, elapsed_s: float, ramp_s: float) -> Array:
-    """Return the rotation (3, 3) desired after `elapsed_s`: a linear ramp to the rotation vector (3,).
-
-    A step needs more tangential force than friction can hold; a ramp of a second or more does not.
-    """
-    share = 1.0 if ramp_s <= 0.0 else min(1.0, max(0.0, elapsed_s / ramp_s))
-    return rotation.exp(share * full_turn_rad)

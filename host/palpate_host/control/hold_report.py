@@ -19,7 +19,7 @@ DIGITS = 4
 
 def hold_status(control: Manipulation) -> HoldStatus:
     """Return the friction of each tip; while the pose law holds an object also its pose, load and grip."""
-    tips, law = control.friction, control.pose_law
+    tips, law = control.friction.tips, control.pose_law
     found = None if law is None else law.object
     status = HoldStatus(
         friction_ratio=tuple(_rounded(tip.ratio) for tip in tips),
@@ -80,7 +80,7 @@ def hold_warning(control: Manipulation, config: PoseLawConfig, names: Sequence[s
     Slip; a load that is not known yet; a grip at its limit; an object beyond the workspace of `move`.
     """
     law, found = control.pose_law, []
-    lowered = [name for name, tip in zip(names, control.friction, strict=True) if tip.is_lowered]
+    lowered = [name for name, tip in zip(names, control.friction.tips, strict=True) if tip.is_lowered]
     if lowered:
         waits = ", and the turn waits where friction holds" if control.turn_waits else ""
         found.append(f"{', '.join(lowered)}: slipped, so less friction is assumed{waits}")

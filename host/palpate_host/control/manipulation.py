@@ -1,16 +1,12 @@
 """The manipulation of the object: contacts and target in, desired virtual frame and joint torques out.
 
 Keeps the state of Eqs. (9)-(16) from tick to tick, and nothing of the bus: the estimate M, the object's
-orientation when turning began, the progress of the ramp, and an integral that the paper does not have. The
-paper's proportional law leaves an error; the integral moves the target until the error is gone. It starts at
-the end of the ramp: the last degrees need the most friction, and the slower they are turned the less.
+desired orientation (turn_ramp.py), the pose law with the object that it holds, and the friction of the tips.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,31 +14,28 @@ from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.gait_plan import GaitPlan
-from palpate_host.common.joint_command import Follows
 from palpate_host.common.mode import MOVING, Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.control_config import ControlLaw, ControlMode
 from palpate_host.config.hand_config import HandConfig
 from palpate_host.control.contact_force import ContactForce
 from palpate_host.control.control_law import (
-    Gains,
     force_torque_Nm,
     grasp_force_N,
     joint_torque_Nm,
     limit_torque_Nm,
-    target_step,
 )
+from palpate_host.control.gains import gains_of
 from palpate_host.control.gait.gait import Gait
 from palpate_host.control.gait.reorientation import Reorientation
-from palpate_host.control.joint_hold import JointHold, joint_hold
+from palpate_host.control.grip_friction import GripFriction
+from palpate_host.control.holding.joint_hold import JointHold, joint_hold
+from palpate_host.control.holding.pose_law import PoseLaw
 from palpate_host.control.kinematics import HandPose
 from palpate_host.control.object_orientation import ObjectOrientation, contact_normal
-from palpate_host.control.pose_law import PoseLaw
-from palpate_host.control.tip_friction import ANSWER_US, TipFriction, friction_ratio
-from palpate_host.control.virtual_frame import desired_virtual_frame, virtual_frame
+from palpate_host.control.turn_ramp import TurnRamp
+from palpate_host.control.virtual_frame import virtual_frame
 
-TRIM_LIMIT_RAD = math.radians(15.0)
-"""Limit of the integral: Eq. (14) leaves an error of a few degrees, a larger one is a jammed object."""
 HELD = (Mode.GRASP, Mode.MANIPULATE, Mode.BLIND)
 """Modes in which the pose law may hold an object."""
 HELD_STILL = "a contact is too old"
@@ -61,26 +54,17 @@ class Manipulation:
         self.orientation = ObjectOrientation(
             len(config.fingers), control.reference_frames, control.contact_filter_s
         )
-        self.R_d: Array | None = None
-        self.R_d_vir: Array | None = None
         self._force = ContactForce(len(config.fingers), control, config.staleness.freeze_ms * 1e-3)
         self._blind_by_choice = control.mode is ControlMode.BLIND
-        self._turn_rad = rotation.log(rotation.from_rpy_deg(*config.target.rpy_deg))
-        self._ramp_s = config.target.ramp_s
-        self._turned_s = 0.0
-        self._start: Array | None = None
-        self._is_led = False
         self._carries = control.object_weight_N > 0.0 or control.position_stiffness_N_m > 0.0
         self._hold_at_m: Array | None = None
-        self._integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
-        self._trim_rad = np.zeros(3)
+        integral_per_s = 0.0 if self._blind_by_choice else control.integral_per_s
         self.pose_law: PoseLaw | None = None
         if control.law is ControlLaw.POSE:
             self.pose_law = PoseLaw(control, config.pose_law, self.gains, len(config.fingers))
-            self._integral_per_s = 0.0  # the law has its own
-        self._pose_config = config.pose_law
-        self.friction = [TipFriction(config.pose_law.friction)] * len(config.fingers)
-        self._squeezed_until_us = 0
+            integral_per_s = 0.0  # the law has its own
+        self._ramp = TurnRamp(config.target.rpy_deg, config.target.ramp_s, integral_per_s)
+        self.friction = GripFriction(config.pose_law, len(config.fingers), self.gains.tip_radius_m)
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
         self._still: JointHold | None = None
@@ -95,9 +79,7 @@ class Manipulation:
         """
         self.reorientation.check_free("the turn")
         self._end_gait()
-        self._turn_rad = rotation.log(rotation.from_rpy_deg(*rpy_deg))
-        self._ramp_s, self._turned_s = ramp_s, 0.0
-        self._start = self.R_d
+        self._ramp.begin(rpy_deg, ramp_s)
         if self.pose_law is not None and self.pose_law.target is not None:
             self.pose_law.target.shift(np.zeros(3))
 
@@ -140,8 +122,7 @@ class Manipulation:
         self.reorientation.ask(law, pose, self.gains, rpy_deg, corners_mm)
         if was_gaiting:
             self._forget_normals()
-        self._turn_rad, self._ramp_s, self._turned_s = np.zeros(3), 0.0, 0.0
-        self._start, self._is_led = self.R_d, False
+        self._ramp.begin((0.0, 0.0, 0.0), 0.0)
 
     def take_plan(self, plan: GaitPlan | None, problem: str) -> None:
         """Take the answer to `request_turn`: start the turn, or note why not."""
@@ -166,7 +147,7 @@ class Manipulation:
 
     def _end_gait(self, problem: str = "") -> None:
         """End a turn by finger gaiting, done or not; problem: why, if it is not."""
-        was_gaiting, self._is_led = self.gait is not None, False
+        was_gaiting = self.gait is not None
         self.reorientation.end(problem)
         if was_gaiting:
             self._forget_normals()
@@ -174,7 +155,7 @@ class Manipulation:
     def _forget_normals(self) -> None:
         """Collect the contacts' references again: fingers have taken hold of other faces."""
         control = self._control
-        fingers = len(self.friction)
+        fingers = len(self.friction.tips)
         self.orientation = ObjectOrientation(fingers, control.reference_frames, control.contact_filter_s)
 
     def stop_turning(self) -> None:
@@ -188,8 +169,7 @@ class Manipulation:
                 return
             self.pose_law.end_gait()
         self._end_gait()
-        self.R_d = self.R_d_vir = self._start = None
-        self._trim_rad = np.zeros(3)
+        self._ramp.forget()
         if self.pose_law is not None:
             self.pose_law.hold_here()
 
@@ -213,7 +193,17 @@ class Manipulation:
     @property
     def turned(self) -> float:
         """The share of the ramp that has passed, 0 to 1."""
-        return 1.0 if self._ramp_s <= 0.0 else min(1.0, self._turned_s / self._ramp_s)
+        return self._ramp.share
+
+    @property
+    def R_d(self) -> Array | None:
+        """The desired orientation (3, 3); None while nothing is desired."""
+        return self._ramp.R_d
+
+    @property
+    def R_d_vir(self) -> Array | None:
+        """The desired orientation (3, 3) of the virtual frame, Eq. (15); None while nothing is desired."""
+        return self._ramp.R_d_vir
 
     def add_contact(self, finger: int, contact: TipContact, exposure_pose: HandPose) -> None:
         """Take the contact of one finger's valid frame with the hand's pose at its exposure (pairs Eq. 15).
@@ -243,41 +233,29 @@ class Manipulation:
                 )
 
     def _note_friction(self, finger: int, contact: TipContact) -> None:
-        """Estimate the tip's friction, and answer slip with more grip; slip of several tips is one slip.
-
-        Before the object is held, tips slide as they take hold of it: this is no slip.
-        """
-        config, law = self._pose_config, self.pose_law
-        if contact.slip_begins and not config.onset_reflex:
-            contact = replace(contact, slip_begins=False)
-        ratio = friction_ratio(contact, self.gains.tip_radius_m, config.tip_stiffness_N_m2)
+        """Estimate the tip's friction, and answer slip with more grip."""
+        law = self.pose_law
         is_held = self.orientation.is_following if law is None else law.object is not None
-        if not is_held or (self.gait is not None and self.gait.away == finger):
-            self.friction[finger] = TipFriction(config.friction, ratio=ratio)
+        is_held &= self.gait is None or self.gait.away != finger
+        is_new_slip = self.friction.note(finger, contact, is_held=is_held)
+        if law is None or not is_held:
             return
-        before = self.friction[finger]
-        self.friction[finger] = after = before.after_contact(contact, ratio)
-        if contact.slip and law is not None:
+        if contact.slip:
             law.note_slip()
-        if law is None or not config.slip_reflex or after.slips == before.slips or self._still is not None:
-            return
-        if contact.received_at_us >= self._squeezed_until_us:
-            self._squeezed_until_us = contact.received_at_us + ANSWER_US
-            law.squeeze(finger, after.friction)
+        if is_new_slip and self._still is None and self.friction.takes_answer(contact.received_at_us):
+            law.squeeze(finger, self.friction.tips[finger].friction)
 
     @property
     def turn_waits(self) -> bool:
         """True while a turn rests, or is undone, because a tip has slipped and friction allows no more."""
         law = self.pose_law
-        if law is None or law.object is None or not self._pose_config.slip_reflex:
-            return False
-        return law.pace < 1 and any(one.is_lowered for one in self.friction)
+        return law is not None and law.object is not None and law.pace < 1 and self.friction.is_lowered
 
     def torque_Nm(
         self, mode: Mode, pose: HandPose, qdot_rad_s: Array, R_vir: Array | None, dt_s: float
     ) -> Array:
         """Return the joint torques (nq,), within every limit; zero unless the mode moves joints."""
-        self.friction = [one.after_tick(dt_s) for one in self.friction]
+        self.friction.recover(dt_s)
         if self.pose_law is not None:
             if mode is Mode.HOLD and self.pose_law.object is not None:
                 u = self._still_torque_Nm(self.pose_law, pose, qdot_rad_s, R_vir, dt_s)
@@ -300,8 +278,9 @@ class Manipulation:
             return limit_torque_Nm(u, pose.q_rad, self.gains)
         R_d_vir = None
         if R_vir is not None and mode in (Mode.MANIPULATE, Mode.BLIND):
-            if mode is Mode.MANIPULATE or self._blind_by_choice:
-                self._advance(R_vir, dt_s)
+            M = self.M
+            if M is not None and (mode is Mode.MANIPULATE or self._blind_by_choice):
+                self._ramp.advance(R_vir, M, dt_s)
             R_d_vir = self.R_d_vir
         if self._carries:
             self._hold_at_m = self._position_to_hold(mode, pose)
@@ -335,18 +314,14 @@ class Manipulation:
         law.advance(pose, dt_s)
         self._pose, target = pose, law.target
         assert law.object is not None and target is not None
-        friction = [self._pose_config.friction] * len(self.friction)
-        if self._pose_config.slip_reflex:
-            friction = [one.friction for one in self.friction]
+        friction = self.friction.provided
         self._law_M = R_vir.T.dot(law.object.R)
         if self.gait is not None:
             lifted_Nm = self.gait.advance(law, pose, dt_s, rests=mode is Mode.BLIND)
-            self.R_d = target.R
+            self._ramp.lead_elsewhere(target.R)
             return law.torque_Nm(pose, qdot_rad_s, friction, dt_s) + lifted_Nm
         if mode is Mode.MANIPULATE:
-            self._advance(R_vir, law.pace * dt_s if self.turn_waits else dt_s)
-            assert self.R_d is not None
-            target.R = self.R_d
+            target.R = self._ramp.advance(R_vir, self._law_M, law.pace * dt_s if self.turn_waits else dt_s)
             target.follow_shift(self.turned)
         return law.torque_Nm(pose, qdot_rad_s, friction, dt_s)
 
@@ -360,7 +335,7 @@ class Manipulation:
         law.advance(pose, dt_s)
         assert law.object is not None
         if self._still is None:
-            friction = [one.friction for one in self.friction]
+            friction = self.friction.estimates
             law.rest(friction)
             self.reorientation.give_up(law, HELD_STILL)
             self._still = joint_hold(pose.q_rad, friction, self.gains, dt_s)
@@ -376,45 +351,3 @@ class Manipulation:
         if not is_held or self._hold_at_m is not None:
             return self._hold_at_m if is_held else None
         return np.asarray(pose.tip_centre_m.mean(axis=0))
-
-    def _advance(self, R_vir: Array, dt_s: float) -> None:
-        """Advance the ramp by dt_s, back if negative, and compute R_d_vir, Eq. (15); neither in BLIND."""
-        M = self.M
-        if M is None:
-            return
-        if self._start is None:
-            self._start = R_vir @ M
-        turned_s = max(0.0, min(self._turned_s + dt_s, self._ramp_s))
-        if self.R_d is None or not self._is_led or turned_s != self._turned_s:
-            self.R_d = target_step(self._turn_rad, turned_s, self._ramp_s).dot(self._start)
-        self._turned_s, self._is_led = turned_s, True
-        desired = self.R_d
-        if self._integral_per_s > 0.0:
-            if self.turned >= 1.0:
-                self._trim_rad = self._trim(self.R_d @ (R_vir @ M).T, dt_s)
-            desired = rotation.exp(self._trim_rad) @ self.R_d
-        self.R_d_vir = desired_virtual_frame(desired, M)
-
-    def _trim(self, remaining: Array, dt_s: float) -> Array:
-        """Return the integral of the remaining turn as a rotation vector (3,) of bounded length."""
-        trim = self._trim_rad + self._integral_per_s * dt_s * rotation.log(remaining)
-        return np.asarray(trim * min(1.0, TRIM_LIMIT_RAD / max(TRIM_LIMIT_RAD, float(np.linalg.norm(trim)))))
-
-
-def gains_of(config: HandConfig) -> Gains:
-    """Return the gains and limits of hand.toml as arrays in the order of q."""
-    joints, control = config.joints, config.control
-    return Gains(
-        f_d_N=control.f_d_N,
-        K_r=control.K_r,
-        B_Nms_rad=np.array([joint.B_Nms_rad for joint in joints]),
-        tip_radius_m=control.tip_radius_m,
-        friction_ratio=control.friction_ratio,
-        torque_limit_Nm=np.array([joint.torque_limit_Nm for joint in joints]),
-        q_min_rad=np.array([joint.min_rad for joint in joints]),
-        q_max_rad=np.array([joint.max_rad for joint in joints]),
-        object_weight_N=control.object_weight_N,
-        position_stiffness_N_m=control.position_stiffness_N_m,
-        soft_limit_rad=control.soft_limit_rad,
-        velocity_joints=control.velocity_joints or control.drives_follow is not Follows.TORQUE,
-    )

@@ -23,12 +23,12 @@ from palpate_edge.common.errors import ConfigError
 from palpate_host.common.joint_command import Follows
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.hand_config import HandConfig
-from palpate_host.control.control_law import Gains, orientation_force_N
+from palpate_host.control.control_law import orientation_force_N
+from palpate_host.control.gains import Gains, gains_of
+from palpate_host.control.holding.stable_stiffness import contact_jacobian_m, grasp_matrix
+from palpate_host.control.holding.virtual_object import grip_of
 from palpate_host.control.kinematics import HandKinematics, HandPose
-from palpate_host.control.manipulation import gains_of
-from palpate_host.control.stable_stiffness import contact_jacobian_m, grasp_matrix
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.control.virtual_object import grip_of
 
 DELAY_TICKS = 1.5
 ADVISED_MARGIN = 1.2

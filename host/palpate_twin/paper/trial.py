@@ -165,7 +165,7 @@ class TrialRun:
             lost_s=lost_s,
             slid_s=slid_s,
             normal_N=normal_N,
-            slips=max(tip.slips for tip in self._control.friction),
+            slips=max(tip.slips for tip in self._control.friction.tips),
         )
 
     def _torque_Nm(self, now_s: float, turning: bool) -> Array:

@@ -9,15 +9,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate_host.control.control_law import (
-    Gains,
     carrying_force_N,
     grasp_force_N,
     joint_torque_Nm,
     limit_torque_Nm,
     orientation_force_N,
     rotation_error,
-    target_step,
 )
+from palpate_host.control.gains import Gains
 from palpate_host.control.virtual_frame import FrameError, virtual_frame
 
 WITHOUT_FRICTION_LIMIT = 1e9
@@ -186,11 +185,3 @@ def test_at_its_end_a_joint_takes_no_torque_outwards_though_nothing_fades_before
     hard = dataclasses.replace(GAINS, soft_limit_rad=0.0)
     assert (limit_torque_Nm(np.full(9, 5.0), GAINS.q_max_rad, hard) == 0.0).all()
     assert (limit_torque_Nm(np.full(9, -5.0), GAINS.q_max_rad, hard) == -GAINS.torque_limit_Nm).all()
-
-
-def test_target_ramps_along_one_axis():
-    full = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
-    for share in (0.0, 0.25, 1.0, 2.0):
-        step = Rotation.from_matrix(target_step(full.as_rotvec(), share * 2.0, 2.0))
-        np.testing.assert_allclose(step.as_rotvec(), min(1.0, share) * full.as_rotvec(), atol=1e-9)
-    np.testing.assert_allclose(target_step(full.as_rotvec(), 0.0, 0.0), full.as_matrix(), atol=1e-9)

@@ -16,7 +16,7 @@ def control(law=None, gait=None, request=None, problem="", lowered=(), waits=Fal
         pose_law=law,
         gait=gait,
         reorientation=SimpleNamespace(request=request, problem=problem),
-        friction=[SimpleNamespace(is_lowered=name in lowered) for name in NAMES],
+        friction=SimpleNamespace(tips=[SimpleNamespace(is_lowered=name in lowered) for name in NAMES]),
         turn_waits=waits,
     )
 

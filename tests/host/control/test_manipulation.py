@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
-from palpate_host.control.manipulation import TRIM_LIMIT_RAD, Manipulation
+from palpate_host.control.manipulation import Manipulation
+from palpate_host.control.turn_ramp import TRIM_LIMIT_RAD
 from palpate_host.control.virtual_frame import virtual_frame
 
 START_RAD = np.tile([0.0, 0.348, 1.221], 3)

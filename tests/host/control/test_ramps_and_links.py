@@ -61,18 +61,6 @@ def test_a_turn_advances_evenly_and_stays_at_its_end(blind):
         assert error_deg == pytest.approx(30.0 * share, abs=1e-6)
 
 
-def test_a_ramp_runs_back_and_not_beyond_its_start(blind):
-    made, pose = blind
-    made.turn((0.0, 20.0, 0.0), 1.0)
-    ticks(made, pose, 60)
-    R_vir = virtual_frame(pose.tip_centre_m)
-    made._advance(R_vir, -0.2)
-    assert made.turned == pytest.approx(0.4)
-    made._advance(R_vir, -1.0)
-    assert made.turned == 0.0
-    np.testing.assert_allclose(turned_deg(made, pose), 0.0, atol=1e-9)
-
-
 def test_a_second_turn_begins_at_the_last_target(blind):
     made, pose = blind
     made.turn((0.0, 0.0, 30.0), 1.0)

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_reader
 from palpate_host.control.control_law import grasp_force_N, orientation_force_N
+from palpate_host.control.gains import gains_of
 from palpate_host.control.hand_model import model_of, source_of
 from palpate_host.control.kinematics import HandKinematics
-from palpate_host.control.manipulation import gains_of
 from palpate_host.control.virtual_frame import (
     check_numbering,
     contact_frame,

@@ -8,8 +8,8 @@ from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
-from palpate_host.control.grasp_forces import internal_ratio
 from palpate_host.control.hold_report import hold_status, hold_warning
+from palpate_host.control.holding.grasp_forces import internal_ratio
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.tip_friction import TipFriction
 from palpate_host.control.virtual_frame import virtual_frame
@@ -152,7 +152,7 @@ def test_a_lowered_friction_gives_more_grip_for_the_same_load(wide):
         for _ in range(300):
             hold.tick()
         grips.append(hold.grip_N)
-        friction.append(hold.control.friction[0].friction)
+        friction.append(hold.control.friction.tips[0].friction)
     assert friction[1] < 0.25
     assert grips[1] == pytest.approx(friction[0] / friction[1] * grips[0], rel=0.1)
 
@@ -176,9 +176,9 @@ def test_a_turn_goes_back_to_where_friction_holds(wide):
     def ticks(count, reserve=None):
         """Tick with this friction beyond what the internal forces use; None: without a slip."""
         for _ in range(count):
-            used = hold.control.friction[0].friction - hold.control.pose_law.reserve
+            used = hold.control.friction.tips[0].friction - hold.control.pose_law.reserve
             gap = 0.0 if reserve is None else 0.4 - used - reserve
-            hold.control.friction = [TipFriction(0.4, gap=gap, slips=20)] * 3
+            hold.control.friction.tips = [TipFriction(0.4, gap=gap, slips=20)] * 3
             hold.tick()
         return hold.control.turned
 

@@ -11,7 +11,7 @@ from palpate_host.cli.main import cli
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
 from palpate_host.control.control_law import orientation_force_N
-from palpate_host.control.manipulation import gains_of
+from palpate_host.control.gains import gains_of
 from palpate_host.control.turning_stability import ADVISED_MARGIN, fastest_rate_per_s, turning_gain
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand

@@ -12,8 +12,8 @@ from palpate_host.config import hand_reader
 from palpate_host.config.packaged import MODELS
 from palpate_host.config.twin_config import ObjectConfig
 from palpate_host.control.control_law import joint_torque_Nm
+from palpate_host.control.gains import gains_of
 from palpate_host.control.hand_model import compiled, read_spec
-from palpate_host.control.manipulation import gains_of
 from palpate_host.service.host import load_hand
 from palpate_twin.hand.prism import prism_of
 from palpate_twin.hand.twin_model import twin_model

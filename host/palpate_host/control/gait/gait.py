@@ -27,10 +27,10 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
 from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
-from palpate_host.control.control_law import Gains
+from palpate_host.control.gains import Gains
+from palpate_host.control.holding.pose_law import PoseLaw
+from palpate_host.control.holding.stable_stiffness import DELAY_TICKS, STABLE_SHARE
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.pose_law import PoseLaw
-from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE
 
 TURN_RAD_S = math.radians(12.0)
 SHIFT_S = 1.2

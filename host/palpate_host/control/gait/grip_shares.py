@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.control.grasp_forces import internal_forces
-from palpate_host.control.virtual_object import grip_of
+from palpate_host.control.holding.grasp_forces import internal_forces
+from palpate_host.control.holding.virtual_object import grip_of
 
 SHARES = (1.0, 0.7, 0.45, 0.25, 0.12)
 """Shares of a finger that holds the object."""

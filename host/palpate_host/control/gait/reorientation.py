@@ -9,13 +9,13 @@ import numpy as np
 from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.gait_plan import GaitPlan, fingers_refused
-from palpate_host.control.control_law import Gains
+from palpate_host.control.gains import Gains
 from palpate_host.control.gait.gait import Gait
 from palpate_host.control.gait.object_shape import hull_of
 from palpate_host.control.gait.turn_planner import FEWEST_HOLDING
 from palpate_host.control.gait.turn_request import TurnRequest
+from palpate_host.control.holding.pose_law import PoseLaw
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.pose_law import PoseLaw
 
 LEAST_TURN_RAD = 1e-3
 TOUCHES_WITHIN_M = 0.005

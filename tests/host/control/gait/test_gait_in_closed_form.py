@@ -14,11 +14,11 @@ from tests.host.control.gait.ideal_reach import HALF_M, OUT, PLACE_M, RADIUS_M, 
 
 from palpate_host.common import rotation
 from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
-from palpate_host.control.control_law import Gains
+from palpate_host.control.gains import Gains
 from palpate_host.control.gait.gait import Gait, GaitPhase
+from palpate_host.control.holding.pose_target import PoseTarget
+from palpate_host.control.holding.virtual_object import VirtualObject
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.pose_target import PoseTarget
-from palpate_host.control.virtual_object import VirtualObject
 
 DT_S = 0.01
 DAMPING = 2.0

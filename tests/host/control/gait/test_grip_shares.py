@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate_host.control.gait.grip_shares import SHARES, best_shares, needed_friction
-from palpate_host.control.grasp_forces import internal_forces, wrench_forces_N
-from palpate_host.control.virtual_object import grip_of
+from palpate_host.control.holding.grasp_forces import internal_forces, wrench_forces_N
+from palpate_host.control.holding.virtual_object import grip_of
 
 CROSS = np.array([[1.0, 0, 0], [0, 1.0, 0], [-1.0, 0, 0], [0, -1.0, 0]])
 

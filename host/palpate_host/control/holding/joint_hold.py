@@ -24,11 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_host.control.control_law import Gains, contact_torque_Nm
-from palpate_host.control.grasp_forces import ContactForces
+from palpate_host.control.control_law import contact_torque_Nm
+from palpate_host.control.gains import Gains
+from palpate_host.control.holding.grasp_forces import ContactForces
+from palpate_host.control.holding.stable_stiffness import DELAY_TICKS, STABLE_SHARE, contact_jacobian_m
+from palpate_host.control.holding.virtual_object import Grip, moment_rows
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.stable_stiffness import DELAY_TICKS, STABLE_SHARE, contact_jacobian_m
-from palpate_host.control.virtual_object import Grip, moment_rows
 
 MOST_RATE_PER_S = 25.0
 """Largest rate c = K/B; ticks slower than 100 Hz limit it further."""

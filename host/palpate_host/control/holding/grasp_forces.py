@@ -31,7 +31,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.rows import Row
-from palpate_host.control.virtual_object import Grip, times
+from palpate_host.control.holding.virtual_object import Grip, times
 
 LEAST_MARGIN = 0.1
 """Smallest friction ratio left to the wrench; far turned, internal forces alone may use up `friction`."""

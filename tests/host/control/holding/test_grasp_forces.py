@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from palpate_host.control.grasp_forces import (
+from palpate_host.control.holding.grasp_forces import (
     LEAST_MARGIN,
     forces_within_cones,
     internal_forces,
     internal_ratio,
     wrench_forces_N,
 )
-from palpate_host.control.virtual_object import grip_of
+from palpate_host.control.holding.virtual_object import grip_of
 
 FRICTION = 0.4
 

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from palpate_host.control.holding.virtual_object import (
+    KEEP_EVERY_S,
+    KEPT,
+    VirtualObject,
+    grip_of,
+    moment_rows,
+    times,
+)
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.virtual_object import KEEP_EVERY_S, KEPT, VirtualObject, grip_of, moment_rows, times
 
 RADIUS_M = np.array([0.03, 0.028, 0.026])
 NORMAL = np.array([[1.0, 0.0, 0.0], [-0.6, 0.8, 0.0], [0.0, -0.6, 0.8]])

@@ -20,8 +20,8 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.config.control_config import PoseLawConfig
+from palpate_host.control.holding.virtual_object import Grip
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.virtual_object import Grip
 
 DELAY_TICKS = 2.0
 """From the sample of the joint angles to the middle of the tick in which the torque acts, and half a tick."""

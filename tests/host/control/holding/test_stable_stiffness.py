@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from tests.host.control.gait.gait_hand import loaded, start_rad
 
-from palpate_host.control.manipulation import gains_of
-from palpate_host.control.stable_stiffness import (
+from palpate_host.control.gains import gains_of
+from palpate_host.control.holding.stable_stiffness import (
     COUPLED_MARGIN,
     DELAY_TICKS,
     coupled_margin,
     object_damping,
     stable_stiffness,
 )
-from palpate_host.control.virtual_object import grip_of
+from palpate_host.control.holding.virtual_object import grip_of
 
 TICK_S = 0.01
 PARTS = 50

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from palpate_host.control.holding.virtual_object import VirtualObject
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.virtual_object import VirtualObject
 
 RADIUS_M = np.array([0.03, 0.028, 0.03])
 NORMAL_IN_OBJECT = np.array([[1.0, 0, 0], [-0.5, np.sqrt(0.75), 0], [-0.5, -np.sqrt(0.75), 0]])

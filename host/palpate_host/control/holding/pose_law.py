@@ -30,13 +30,14 @@ from palpate_host.common import rotation
 from palpate_host.common.command import CommandError
 from palpate_host.common.rows import ZERO, Row, bounded, cross, length, plus
 from palpate_host.config.control_config import ControlConfig, PoseLawConfig
-from palpate_host.control.control_law import Gains, contact_torque_Nm, grasp_force_N
-from palpate_host.control.grasp_forces import ContactForces, forces_within_cones, internal_ratio
+from palpate_host.control.control_law import contact_torque_Nm, grasp_force_N
+from palpate_host.control.gains import Gains
+from palpate_host.control.holding.grasp_forces import ContactForces, forces_within_cones, internal_ratio
+from palpate_host.control.holding.pose_target import PoseTarget
+from palpate_host.control.holding.pose_uncertainty import PoseUncertainty
+from palpate_host.control.holding.stable_stiffness import Stiffness, stable_stiffness
+from palpate_host.control.holding.virtual_object import Grip, VirtualObject, moment_rows
 from palpate_host.control.kinematics import HandPose
-from palpate_host.control.pose_target import PoseTarget
-from palpate_host.control.pose_uncertainty import PoseUncertainty
-from palpate_host.control.stable_stiffness import Stiffness, stable_stiffness
-from palpate_host.control.virtual_object import Grip, VirtualObject, moment_rows
 
 FRAME_S = 1.0 / 30.0
 """Longest time that one contact may stand for in the correction of the orientation."""

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palpate_host.config.packaged import MODELS
-from palpate_host.control.grasp_forces import ContactForces
-from palpate_host.control.joint_hold import joint_hold
-from palpate_host.control.manipulation import gains_of
+from palpate_host.control.gains import gains_of
+from palpate_host.control.holding.grasp_forces import ContactForces
+from palpate_host.control.holding.joint_hold import joint_hold
+from palpate_host.control.holding.virtual_object import grip_of
 from palpate_host.control.object_orientation import contact_normal
-from palpate_host.control.virtual_object import grip_of
 from palpate_host.service.host import load_hand
 
 Q_RAD = np.tile([0.0, 0.1405, 1.4285], 3) + np.linspace(-0.05, 0.05, 9)

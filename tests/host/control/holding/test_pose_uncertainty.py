@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate_host.control.pose_uncertainty import PoseUncertainty
+from palpate_host.control.holding.pose_uncertainty import PoseUncertainty
 
 
 def test_the_radius_of_the_orientation_holds_95_percent_of_a_simulated_estimate():

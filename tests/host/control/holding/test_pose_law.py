@@ -14,11 +14,11 @@ from palpate_host.common.tip_contact import TipContact
 from palpate_host.config import hand_reader
 from palpate_host.config.control_config import ControlLaw
 from palpate_host.config.packaged import MODELS
+from palpate_host.control.holding.stable_stiffness import contact_jacobian_m, object_damping
+from palpate_host.control.holding.virtual_object import grip_of
 from palpate_host.control.manipulation import Manipulation
 from palpate_host.control.object_orientation import contact_normal
-from palpate_host.control.stable_stiffness import contact_jacobian_m, object_damping
 from palpate_host.control.virtual_frame import virtual_frame
-from palpate_host.control.virtual_object import grip_of
 from palpate_host.service.host import load_hand
 
 HAND = MODELS / "table4-wide.toml"
@@ -175,7 +175,7 @@ def test_hold_keeps_the_torques_and_the_law_goes_on_with_the_same_load(wide):
     for number in range(6):
         slips = replace(touch(900_000 + number * 33_333), shear_N=(0.2, 0.0), slip=number == 5)
         manipulation.add_contact(2, slips, moved)
-    assert manipulation.friction[2].slips == 1
+    assert manipulation.friction.tips[2].slips == 1
     np.testing.assert_allclose(tick(manipulation, moved, Mode.HOLD), held, atol=1e-12)
 
 

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from palpate_host.common.command import CommandError
 from palpate_host.config.packaged import MODELS
-from palpate_host.control.manipulation import gains_of
+from palpate_host.control.gains import gains_of
+from palpate_host.control.holding.pose_law import PoseLaw
+from palpate_host.control.holding.stable_stiffness import contact_jacobian_m
 from palpate_host.control.object_orientation import contact_normal
-from palpate_host.control.pose_law import PoseLaw
-from palpate_host.control.stable_stiffness import contact_jacobian_m
 from palpate_host.control.virtual_frame import virtual_frame
 from palpate_host.service.host import load_hand
 
