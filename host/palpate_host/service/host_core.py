@@ -31,15 +31,7 @@ from palpate_host.common.command import (
 from palpate_host.common.joint_command import DriveGoal
 from palpate_host.common.mode import STOPPED, Mode
 from palpate_host.common.status import HostStatus, matrix
-from palpate_host.common.tick_inputs import (
-    BusLost,
-    BusRestored,
-    End,
-    HostEvent,
-    HostInput,
-    Planned,
-    TickInputs,
-)
+from palpate_host.common.tick_inputs import BusLost, BusRestored, End, Planned, TickInputs
 from palpate_host.config.control_config import ControlMode
 from palpate_host.config.hand_config import HandConfig, StartMode
 from palpate_host.control.gait.turn_request import TurnRequest
@@ -51,7 +43,7 @@ from palpate_host.network.nodes import Nodes, PairedContact
 from palpate_host.operator.command_rules import check_allowed
 from palpate_host.safety.drive_shutdown import DriveShutdown
 from palpate_host.safety.supervisor import Decision, Goal, Inputs, Tiers, decide
-from palpate_host.service.host_records import counted_ids
+from palpate_host.service.input_journal import InputJournal
 from palpate_host.service.tick_schedule import TickSchedule
 
 OPERATOR_STOP = "stopped by the operator"
@@ -116,9 +108,7 @@ class HostCore:
         self._finished = False
         self._unreadable_frames = 0  # 29-bit and CAN FD
         self._status: HostStatus | None = None
-        self._taken = self._until_us = self._event_count = 0
-        self._events: list[HostInput] = []
-        self._counted = counted_ids(self._nodes.accept_ids)
+        self._journal = InputJournal(self._nodes.accept_ids)
 
     @property
     def accept_ids(self) -> tuple[int, ...]:
@@ -138,7 +128,7 @@ class HostCore:
     def request_stop(self, reason: str = OPERATOR_STOP) -> None:
         """Stop at the next tick and finish: quick stop, drives off, NMT stop. The first reason is kept."""
         if not self._is_ending:
-            self._note(End(reason))
+            self._journal.note(End(reason))
         self._is_ending = True
         self._stop_reason = self._stop_reason or reason
 
@@ -148,7 +138,7 @@ class HostCore:
 
         An earlier fault or stop keeps its reason, with this one as its warning while the bus is lost.
         """
-        self._note(BusLost(now_us, reason))
+        self._journal.note(BusLost(now_us, reason))
         self._is_bus_lost = True
         self._bus_fault = self._bus_fault or reason
         if self._decision.mode in STOPPED:
@@ -164,7 +154,7 @@ class HostCore:
 
         Frames with earlier time stamps are ignored.
         """
-        self._note(BusRestored(now_us))
+        self._journal.note(BusRestored(now_us))
         self._is_bus_lost = False
         self._restored_us = now_us
         self._decision = replace(self._decision, warning="")
@@ -208,7 +198,7 @@ class HostCore:
             case Release():
                 self._goal = Goal.NOTHING
                 self._control = Manipulation(self._config)
-        self._note(command)
+        self._journal.note(command)
         return accepted
 
     @property
@@ -219,11 +209,7 @@ class HostCore:
     def planned(self, event: Planned) -> None:
         """Take the plan of `turn_request`, or why there is none; without a request it has no effect."""
         self._control.take_plan(event.plan, event.problem)
-        self._note(event)
-
-    def _note(self, event: HostEvent) -> None:
-        self._events.append(HostInput(self._taken, event))
-        self._event_count += 1
+        self._journal.note(event)
 
     def _recover(self) -> None:
         """Leave FAULT or STOP: all nodes are started again, without a goal."""
@@ -243,8 +229,7 @@ class HostCore:
         nodes = self._nodes
         for stamp_us, frame in frames_in:
             nodes.counters.frames_in += 1
-            self._taken += frame.can_id in self._counted
-            self._until_us = max(self._until_us, stamp_us)
+            self._journal.note_frame(stamp_us, frame.can_id)
             if self._is_bus_lost or stamp_us < self._restored_us:
                 continue
             paired = nodes.receive(stamp_us, frame)
@@ -259,22 +244,12 @@ class HostCore:
             else:
                 frames_out = self._tick(tick_us)
             nodes.counters.frames_out += len(frames_out)
-            self._status = self._make_status(tick_us, self._take_inputs(now_us))
+            self._status = self._make_status(
+                tick_us, self._journal.take(now_us, waits=self._waits_for_commands)
+            )
         failure = self._decision.reason if self._finished and self._decision.mode is Mode.FAULT else ""
         ticked, next_us = tick_us is not None, self._schedule.next_us
         return HostOutput(tuple(frames_out), ticked, next_us, self._status, self._finished, failure)
-
-    def _take_inputs(self, now_us: int) -> TickInputs:
-        inputs = TickInputs(
-            called_us=now_us,
-            taken=self._taken,
-            until_us=self._until_us,
-            events=tuple(self._events),
-            event_count=self._event_count,
-            waits=self._waits_for_commands,
-        )
-        self._taken, self._events = 0, []
-        return inputs
 
     def _take_contact(self, paired: PairedContact) -> None:
         try:
