@@ -5,7 +5,8 @@ object sticks, the position stays, however far the skin is sheared: the beads mo
 object slides or rolls, the position travels. Sliding needs the friction limit: silicone on dry solids has a
 friction coefficient of 0.5 or more, so travel with a lower ratio of tangential to normal force is rolling. At
 a higher ratio, with travel along the tangential force, friction drags the skin along: slip. The ratio is a
-mean of three frames: rolling under a high load reaches the limit in single ones.
+mean of three frames: rolling under a high load reaches the limit in single ones. Travel counts from when the
+ratio rose above that of rolling: what a load moves that rises afterwards rolled before.
 
 Not detected: a flat face that slides over the dome touches the same skin as before. From the first local slip
 until the whole face slides, the beads' displacement field keeps its shape within 1 % (finite elements,
@@ -29,6 +30,7 @@ END_FRAMES = 3  # averaged at either end of the window, and the last ones' force
 MIN_TRAVEL_MM = 1.0
 TRAVEL_OVER_RADIUS = 2.0  # times the largest 95 % radius within the window: noise is no travel
 MIN_FORCE_RATIO = 0.45  # of tangential to normal force; the rolling plates reach 0.4
+HELD_FORCE_RATIO = 0.4  # below it friction holds, and what the contact travelled is rolling
 MIN_COSINE = 0.5  # of the angle between travel and tangential force
 
 
@@ -61,7 +63,11 @@ class SlipDetector:
         self._past.append(_SeenContact(contact.exposed_at_us, position, radius_mm, ratio))
         while contact.exposed_at_us - self._past[0].exposed_at_us > WINDOW_US:
             self._past.popleft()
-        if ratio < MIN_FORCE_RATIO or self._mean_ratio() < MIN_FORCE_RATIO:
+        mean_ratio = self._mean_ratio()
+        if mean_ratio < HELD_FORCE_RATIO:
+            while len(self._past) > 2 * END_FRAMES:
+                self._past.popleft()
+        if min(ratio, mean_ratio) < MIN_FORCE_RATIO:
             return False  # most contacts end here, before anything slower
         outward = np.array(position) / math.hypot(*position)
         tangential = np.array(force) + normal_N * outward

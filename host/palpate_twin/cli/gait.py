@@ -9,7 +9,15 @@ import click
 
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError
-from palpate_twin.cli.options import FOLDER, friction_option, hand_file, jobs_option, noise_seed_option
+from palpate_twin.cli.options import (
+    force_noise_option,
+    friction_option,
+    hand_file,
+    jobs_option,
+    noise_option,
+    noise_seed_option,
+    results_option,
+)
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -48,26 +56,11 @@ AXES = ("roll", "pitch", "yaw")
     "--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Number of runs of each turn."
 )
 @friction_option
-@click.option(
-    "--noise",
-    "noise_mm",
-    type=click.FloatRange(0.0, 5.0),
-    default=0.15,
-    show_default=True,
-    help="Noise of contact positions: standard deviation along each axis in mm.",
-)
-@click.option(
-    "--force-noise",
-    type=click.FloatRange(0.0, 0.5),
-    default=0.03,
-    show_default=True,
-    help="Noise of contact forces: standard deviation along each axis over the force.",
-)
+@noise_option(0.15)
+@force_noise_option(0.03)
 @noise_seed_option
 @jobs_option
-@click.option(
-    "-o", "--output", type=FOLDER, default=Path("gait"), show_default=True, help="Folder for results.md."
-)
+@results_option("gait")
 def gait(
     hand_name: str,
     axes: tuple[str, ...],

@@ -12,12 +12,12 @@ from palpate_edge.common.errors import ConfigError
 from palpate_edge.common.progress import notes_beside
 from palpate_twin.cli.options import (
     FILE,
-    FOLDER,
     friction_option,
     hand_file,
     hand_option,
     jobs_option,
     noise_seed_option,
+    results_option,
 )
 
 CONTACT_NOISE_MM = 0.15
@@ -64,14 +64,7 @@ FILM_STRIDE = 2  # one picture per second
 )
 @noise_seed_option
 @jobs_option
-@click.option(
-    "-o",
-    "--output",
-    type=FOLDER,
-    default=Path("paper"),
-    show_default=True,
-    help="Folder for the figures and results.md.",
-)
+@results_option("paper", "the figures and results.md")
 def paper(
     engine: str,
     hand_names: tuple[str, ...],
@@ -192,14 +185,7 @@ def hand(hand_name: str, write: Path | None, picture: Path | None) -> None:
 @click.option(
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of sensors and noise."
 )
-@click.option(
-    "-o",
-    "--output",
-    type=FOLDER,
-    default=Path("loop"),
-    show_default=True,
-    help="Folder for results.md and for the sensors, which later runs use again.",
-)
+@results_option("loop", "results.md and for the sensors, which later runs use again")
 def loop(
     hand_name: str,
     turns: tuple[str, ...],

@@ -12,10 +12,11 @@ from palpate_host.config.packaged import MODELS
 
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+_Command = Callable[..., Any]
 PACKAGED = {name: MODELS / f"{name}.toml" for name in ("table3", "table4", "table4-wide", "table4-four")}
 
 
-def config_option(text: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def config_option(text: str) -> Callable[[_Command], _Command]:
     """Return the required option --config with its help text."""
     return click.option("--config", "config_path", type=FILE, required=True, help=text)
 
@@ -48,3 +49,38 @@ noise_seed_option = click.option(
 jobs_option = click.option(
     "--jobs", type=click.IntRange(1), help="Number of parallel runs.  [default: one per core]"
 )
+
+
+def noise_option(default_mm: float) -> Callable[[_Command], _Command]:
+    """Return the option --noise."""
+    return click.option(
+        "--noise",
+        "noise_mm",
+        type=click.FloatRange(0.0, 5.0),
+        default=default_mm,
+        show_default=True,
+        help="Noise of contact positions: standard deviation along each axis in mm.",
+    )
+
+
+def force_noise_option(default: float) -> Callable[[_Command], _Command]:
+    """Return the option --force-noise."""
+    return click.option(
+        "--force-noise",
+        type=click.FloatRange(0.0, 0.5),
+        default=default,
+        show_default=True,
+        help="Noise of contact forces: standard deviation along each axis over the force.",
+    )
+
+
+def results_option(folder: str, holds: str = "results.md") -> Callable[[_Command], _Command]:
+    """Return the option --output for a folder that holds results."""
+    return click.option(
+        "-o",
+        "--output",
+        type=FOLDER,
+        default=Path(folder),
+        show_default=True,
+        help=f"Folder for {holds}.",
+    )

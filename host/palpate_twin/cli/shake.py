@@ -10,12 +10,14 @@ import click
 from palpate_edge.common.atomic_write import make_folder, write_atomically
 from palpate_edge.common.errors import ConfigError
 from palpate_twin.cli.options import (
-    FOLDER,
+    force_noise_option,
     friction_option,
     hand_file,
     hand_option,
     jobs_option,
+    noise_option,
     noise_seed_option,
+    results_option,
 )
 
 DIRECTIONS = ("1", "6", "26")
@@ -63,21 +65,8 @@ DIRECTIONS = ("1", "6", "26")
     show_default=True,
     help="Integral gain of the paper's law, control.integral_per_s of hand.toml.",
 )
-@click.option(
-    "--noise",
-    "noise_mm",
-    type=click.FloatRange(0.0, 5.0),
-    default=0.0,
-    show_default=True,
-    help="Noise of contact positions: standard deviation along each axis in mm.",
-)
-@click.option(
-    "--force-noise",
-    type=click.FloatRange(0.0, 0.5),
-    default=0.0,
-    show_default=True,
-    help="Noise of contact forces: standard deviation along each axis over the force.",
-)
+@noise_option(0.0)
+@force_noise_option(0.0)
 @click.option("--no-reflex", is_flag=True, help="Do not answer slip: pose_law.slip_reflex = false.")
 @click.option(
     "--seconds",
@@ -88,14 +77,7 @@ DIRECTIONS = ("1", "6", "26")
 )
 @noise_seed_option
 @jobs_option
-@click.option(
-    "-o",
-    "--output",
-    type=FOLDER,
-    default=Path("shake"),
-    show_default=True,
-    help="Folder for results.md.",
-)
+@results_option("shake")
 def shake(
     hand_name: str,
     law: str | None,

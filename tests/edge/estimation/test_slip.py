@@ -54,6 +54,18 @@ def test_rolling_whose_force_reaches_the_limit_in_single_frames_is_no_slip():
     assert not any(slips(contact(n, 0.3 + 0.1 * n / 30, across_N[n]) for n in range(90)))
 
 
+def test_what_rolled_before_the_load_rose_is_no_slip():
+    """1 mm of rolling under a low ratio, 0.1 mm in a ratio of 0.6, then a slide of more than 1 mm."""
+    rolled_mm = [min(0.05 * n, 1.0) for n in range(20)]
+    loaded_mm = [1.0 + 0.01 * n for n in range(10)]
+    slid_mm = [1.1 + 0.15 * n for n in range(12)]
+    ratio = [0.3] * 20 + [0.6] * 22
+    travel_mm = [*rolled_mm, *loaded_mm, *slid_mm]
+    said = slips(contact(n, 0.3 + travel_mm[n] / 30, 2.0 * ratio[n]) for n in range(42))
+    assert not any(said[:30])
+    assert said[-1]
+
+
 def test_a_contact_that_stays_sticks_whatever_the_shear():
     assert not any(slips(contact(n, 0.3, 0.02 * n, noise_mm=0.1) for n in range(200)))
 
