@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -18,6 +18,7 @@ from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, JigErrors
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
+from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
@@ -36,6 +37,17 @@ MIN_PRESS_FORCE_N = 0.1  # lighter presses say nothing about the paper's polynom
 TRAINING_STEPS = 100  # of the progress bar
 
 
+@dataclass(frozen=True, slots=True)
+class _Trained:
+    """The correction model's ONNX file, empty without one, and the regression in it; the sensor's contact
+    fields and stiffness by place, unset where they do not help."""
+
+    model: bytes = b""
+    regression: Regression | None = None
+    contact_fields: ContactFields | msgspec.UnsetType = msgspec.UNSET
+    place_stiffness: PlaceStiffness | msgspec.UnsetType = msgspec.UNSET
+
+
 def calibrate(
     dataset: PressDataset,
     progress: Progress = lambda _done, _total: None,
@@ -52,7 +64,7 @@ def calibrate(
     images = len(dataset.reference) + len(presses)
     total = images + (TRAINING_STEPS if dome is not None else 0)
     measured = _upright(dataset.sensor, measure(dataset, presses, lambda done: progress(done, total)))
-    model, regression, jig, typical, contact_fields = b"", None, None, None, None
+    trained, jig, typical = _Trained(), None, None
     open_rad = 0.0
     if dome is not None and not dataset.sensor.markers.rings:
         measured, open_rad = _rolled(dataset.sensor, dome, measured)
@@ -62,7 +74,7 @@ def calibrate(
         if jig is not None and jig.used:
             open_rad = 0.0  # its holes determine the angles
         typical = _typical_fields(dataset.sensor, dome, measured)
-        model, regression, contact_fields = _train(
+        trained = _train(
             dataset.sensor, dome, measured, typical, open_rad, lambda done: progress(images + done, total)
         )
     ring_of, reference = measured.registration.ring_of, measured.reference
@@ -76,15 +88,16 @@ def calibrate(
         contact_threshold_N=measured.threshold_N,
         paper=_fit_paper(measured, ring_of, dataset.sensor.markers.radius_mm),
         residual_px=float(np.sqrt((off_px**2).sum(axis=1).mean())),
-        source=_source(dataset, measured, regression, jig),
-        model=model,
-        stiffness_scale=None if regression is None else regression.stiffness_scale,
+        source=_source(dataset, measured, trained.regression, jig),
+        model=trained.model,
+        stiffness_scale=None if trained.regression is None else trained.regression.stiffness_scale,
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
         fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
         fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
         bead_noise_px=measured.bead_noise_px,
         typical=msgspec.UNSET if typical is None else typical,
-        contact_fields=msgspec.UNSET if contact_fields is None else contact_fields,
+        contact_fields=trained.contact_fields,
+        place_stiffness=trained.place_stiffness,
     )
 
 
@@ -234,8 +247,8 @@ def _train(
     typical: TypicalFields | None,
     open_rad: float,
     progress: Callable[[int], None],
-) -> tuple[bytes, Regression, ContactFields | None]:
-    """Return the correction model's ONNX file, the regression in it, and the sensor's contact fields.
+) -> _Trained:
+    """Return the correction model and what improves its answers on this sensor.
 
     open_rad: see confidence_radius.constant_radius.
     There are contact fields only where there are typical ones and where they improve the places.
@@ -243,6 +256,7 @@ def _train(
     from palpate_edge.calibration.contact_fit.combined_place import fit_combined_place  # noqa: PLC0415
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
+    from palpate_edge.calibration.training.place_stiffness import fit_place_stiffness  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
         make_samples,
         training_presses,
@@ -260,9 +274,17 @@ def _train(
         weighed_samples(measured, reader),
         open_rad,
     )
-    model = export(regression, sensor.fingerprint(), dome.fields)
+    place_stiffness: PlaceStiffness | msgspec.UnsetType = msgspec.UNSET
+    if regression.left_out is not None and regression.left_out.samples.has_forces:
+        stiffness = fit_place_stiffness(regression.left_out, presses)
+        if stiffness is not None:
+            place_stiffness = stiffness.stiffness
+            regression = replace(regression, force95=stiffness.force95)
+    trained = _Trained(
+        export(regression, sensor.fingerprint(), dome.fields), regression, place_stiffness=place_stiffness
+    )
     if typical is None:
-        return model, regression, None
+        return trained
     combined = fit_combined_place(
         reader,
         measured.bead_noise_px,
@@ -272,8 +294,12 @@ def _train(
         sensor.dome.outer_radius_mm,
     )
     if combined is None:
-        return model, regression, None
-    return model, replace(regression, regions=combined.regions), combined.fields
+        return trained
+    return replace(
+        trained,
+        regression=replace(regression, regions=combined.regions),
+        contact_fields=combined.fields,
+    )
 
 
 def _beads(reference: Reference, ring_of: NDArray[np.intp]) -> tuple[Bead, ...]:

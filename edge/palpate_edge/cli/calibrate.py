@@ -165,6 +165,11 @@ def _calibrate_pose(dataset: Path, output: Path, model: Path | None, has_dome_op
 
 def _print_force(calibration: Calibration) -> None:
     """Print where the force comes from and how exact it is, or that there is none."""
+    from palpate_edge.estimation.contact_fit.place_stiffness import (  # noqa: PLC0415 - keeps --help fast
+        PlaceStiffness,
+        StiffnessMap,
+    )
+
     spread_percent = calibration.source.weighed_spread_percent
     if spread_percent is not None:
         click.echo(
@@ -173,6 +178,9 @@ def _print_force(calibration: Calibration) -> None:
         )
     elif calibration.stiffness_scale is None and not calibration.paper.stiffness_N_px:
         click.echo("  no press of known force: no force is estimated")
+    if isinstance(calibration.place_stiffness, PlaceStiffness):
+        low, high = StiffnessMap(calibration.place_stiffness).extremes()
+        click.echo(f"  stiffness by place: forces x {low:.2f} to {high:.2f} of the correction model's")
 
 
 def _print_dropped(source: CalibrationSource) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Indices
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
+from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel
 from palpate_edge.geometry.sensor import CameraPose, Sensor
@@ -110,8 +111,8 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     place along an axis; fit_channels, fit_light: see beads.Reference, unset for colour and for sloped light
     (all four are unset in older files); typical: by which the beads' displacement is smoothed before the
     correction model, unset in older files, whose model is of displacements as measured; contact_fields: by
-    which its place is improved, unset in older files and where they do not help; checksum: over all other
-    fields.
+    which its place is improved, and place_stiffness: by which its force is, both unset in older files and
+    where they do not help; checksum: over all other fields.
     """
 
     sensor: Sensor
@@ -131,6 +132,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
     typical: TypicalFields | msgspec.UnsetType = msgspec.UNSET
     contact_fields: ContactFields | msgspec.UnsetType = msgspec.UNSET
+    place_stiffness: PlaceStiffness | msgspec.UnsetType = msgspec.UNSET
     format: str = FORMAT
     version: int = VERSION
     checksum: str = ""

@@ -8,6 +8,7 @@ from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.calibration import Calibration
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
 from palpate_edge.estimation.contact_fit.contact_fitter import ContactFitter, FitStart
+from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness, StiffnessMap
 from palpate_edge.estimation.correction_model import Correction, CorrectionModel
 from palpate_edge.estimation.displacement_field import CanonicalField, DisplacementReader
 from palpate_edge.estimation.frame_record import FrameRecord, LocatedContact
@@ -33,6 +34,8 @@ class CorrectedMethod:
         self._fitter: ContactFitter | None = None
         if isinstance(fields, ContactFields):
             self._fitter = ContactFitter(fields, reader, calibration.noise_px)
+        stiffness = calibration.place_stiffness
+        self._stiffness = StiffnessMap(stiffness) if isinstance(stiffness, PlaceStiffness) else None
 
     def locate(self, record: FrameRecord) -> LocatedContact:
         """Return the contact; the normal force is the force's component along the inward normal."""
@@ -41,6 +44,9 @@ class CorrectedMethod:
         if self._fitter is not None:
             result = self._improved(self._fitter, result, field, record)
         (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
+        if self._stiffness is not None:
+            ratio = self._stiffness.ratio(result.direction)
+            x_N, y_N, z_N = ratio * x_N, ratio * y_N, ratio * z_N
         radius_mm = self._dome_radius_mm
         position = radius_mm * x, radius_mm * y, radius_mm * z
         located = LocatedContact(
@@ -56,7 +62,7 @@ class CorrectedMethod:
             return located
         normal_N = max(0.0, -(x * x_N + y * y_N + z * z_N))
         return msgspec.structs.replace(
-            located, normal_force_N=normal_N, force_N=result.force_N, force95_N=result.force95_N
+            located, normal_force_N=normal_N, force_N=(x_N, y_N, z_N), force95_N=result.force95_N
         )
 
     def _improved(

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from palpate_edge.calibration.calibration_file import check_sensor, load_calibration, save_calibration
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
-from palpate_edge.estimation.pose.kernel_expansion import packed
+from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
+from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
 
 ONE_FILE_A_TEST = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -39,6 +40,20 @@ def test_contact_fields_are_read_back_and_a_file_without_them_is_one_of_an_earli
     save_calibration(drawn_calibration, tmp_path / "b.cal")
     assert b"contact_fields" not in (tmp_path / "b.cal").read_bytes()
     assert load_calibration(tmp_path / "b.cal").contact_fields is msgspec.UNSET
+
+
+def test_the_stiffness_by_place_is_read_back_and_a_file_without_it_is_one_of_an_earlier_version(
+    drawn_calibration, tmp_path
+):
+    numbers = [packed(np.full(shape, 0.25)) for shape in ((5, 3), (3, 3), (5, 1), (1,))]
+    stiffness = PlaceStiffness(numbers[0], Expansion(*numbers[1:]))
+    save_calibration(
+        msgspec.structs.replace(drawn_calibration, place_stiffness=stiffness), tmp_path / "a.cal"
+    )
+    assert load_calibration(tmp_path / "a.cal").place_stiffness == stiffness
+    save_calibration(drawn_calibration, tmp_path / "b.cal")
+    assert b"place_stiffness" not in (tmp_path / "b.cal").read_bytes()
+    assert load_calibration(tmp_path / "b.cal").place_stiffness is msgspec.UNSET
 
 
 def test_saving_again_gives_the_same_bytes(drawn_calibration, drawn_calibration_file, tmp_path):

@@ -14,7 +14,9 @@ from palpate_edge.common.frame import Frame
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.datasets.recording import all_frames, open_recording
+from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.estimator import Estimator
+from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
 from palpate_edge.vision.unknown_layout import beads_without_layout
 
 
@@ -141,3 +143,24 @@ def test_torn_frames_are_refused(shared_data, sample_calibration, effort):
             shift,
         )
         assert estimator.estimate(Frame(whole, 0, 2 * number + 1, press.frame)).valid, press.frame
+
+
+def test_the_stiffness_by_place_scales_forces_alone(shared_data, sample_calibration):
+    """A wall that is stiffer towards +x, by one kernel about that side."""
+    sample = read_dataset(shared_data("press-sample"))
+    centre, length, weight = np.array([[1.0, 0.0, 0.0]]), 1.2, 0.4
+    expansion = Expansion(*(packed(each) for each in (np.eye(3) / length, np.array([[weight]]), np.zeros(1))))
+    uneven = msgspec.structs.replace(
+        sample_calibration, place_stiffness=PlaceStiffness(packed(centre), expansion)
+    )
+    even = msgspec.structs.replace(sample_calibration, place_stiffness=msgspec.UNSET)
+    before, after = Estimator(even), Estimator(uneven)
+    pressed = [press for press in sample.split("test") if press.normal_force_N > 0.2][:10]
+    for number, press in enumerate(pressed):
+        frame = Frame(read_image(sample.path(press), grey=True), 33_333 * number, number, press.frame)
+        one, other = before.estimate(frame), after.estimate(frame)
+        assert one.position_mm == other.position_mm and one.force95_N == other.force95_N
+        from_centre = np.array(one.position_mm) / np.linalg.norm(one.position_mm) - centre[0]
+        ratio = math.exp(weight * math.exp(-0.5 * float(from_centre @ from_centre) / length**2))
+        np.testing.assert_allclose(other.force_N, ratio * np.array(one.force_N), rtol=1e-5)
+        assert other.normal_force_N == pytest.approx(ratio * one.normal_force_N, rel=1e-5)
