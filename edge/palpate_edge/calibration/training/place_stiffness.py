@@ -41,7 +41,7 @@ class FittedStiffness:
 
 
 @dataclass(frozen=True, slots=True)
-class _Posterior:
+class _MeanStiffness:
     """Mean weights (c,) and offset of one length, what is left (c,) of each press by the others, and the
     logarithm of the evidence."""
 
@@ -86,7 +86,7 @@ def _log_ratios(given_N: Array, left_out: LeftOut, count: int) -> Array:
     return np.log(np.clip(ratio, 1.0 / LARGEST_RATIO, LARGEST_RATIO))
 
 
-def _posterior(smooth: Array, log_ratio: Array, noise: Array) -> _Posterior:
+def _posterior(smooth: Array, log_ratio: Array, noise: Array) -> _MeanStiffness:
     """Return the mean over amplitudes and noises with one kernel (c, c), by their evidence."""
     logs, found = [], []
     for amplitude, level in itertools.product(AMPLITUDES, NOISES):
@@ -100,4 +100,4 @@ def _posterior(smooth: Array, log_ratio: Array, noise: Array) -> _Posterior:
     weights, offset, left_over = (
         np.tensordot(share / share.sum(), np.array(each), axes=1) for each in zip(*found, strict=True)
     )
-    return _Posterior(weights, float(offset), left_over, log_evidence)
+    return _MeanStiffness(weights, float(offset), left_over, log_evidence)
