@@ -37,10 +37,7 @@ from palpate_edge.can_bus.socketcan_link import SocketCanLink
 from palpate_edge.common.errors import BusError, BusOffError
 from palpate_edge.common.plugins import find_part
 
-# A full transmit queue is retried after 0.2, 0.4, ... 25.6 ms, 51 ms in all: longer than a full 128-frame
-# queue needs to drain at 1 Mbit/s (17 ms), short against a heartbeat time.
-SEND_TRIES = 9
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.0002, 0.0256
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.0002, 0.0256  # a full transmit queue is tried again after 0.2, 0.4, ... ms
 
 RECEIVE_BATCH = 512  # most frames a call of `receive` returns, so that a flooded bus cannot block its caller
 
@@ -89,8 +86,8 @@ class Bus:
     def send(self, frames: Iterable[CanFrame]) -> None:
         """Queue the frames for transmission, in order.
 
-        Raises BusError when the transmit queue stays full (ENOBUFS) for all retries, when the bus is off, or
-        when it is down; the frames before the refused one are sent.
+        Raises BusError when the transmit queue stays full (ENOBUFS) for the link's `patience_s`, when the bus
+        is off, or when it is down; the frames before the refused one are sent.
         """
         left = tuple(frames)
         left = left[self.try_send(left) :]
@@ -158,16 +155,19 @@ class Bus:
         self.close()
 
     def _send_again(self, frames: Sequence[CanFrame]) -> int:
-        """Queue frames whose first one was refused; return how many. Raises BusError after SEND_TRIES."""
+        """Queue frames whose first one was refused; return how many. Raises BusError after `patience_s`."""
         back_off = BackOff(FIRST_PAUSE_S, LONGEST_PAUSE_S)
-        for _ in range(SEND_TRIES - 1):
+        waited_s, tries = 0.0, 1
+        while waited_s < self._link.patience_s:
+            pause_s = back_off.pause()
             self.counters.send_retries += 1
-            time.sleep(back_off.pause())
+            time.sleep(pause_s)
             if count := self.try_send(frames):
                 return count
+            waited_s, tries = waited_s + pause_s, tries + 1
         raise BusError(
             f"{self._where}: transmit queue full, frame {frames[0].can_id:03X} refused "
-            f"{SEND_TRIES} times: check the cabling and the bus load (palpate-host bus stats, or ip -s link)"
+            f"{tries} times: check the cabling and the bus load (palpate-host bus stats, or ip -s link)"
         )
 
     def _receive_into(self, frames: list[tuple[int, CanFrame]], timeout_s: float) -> None:

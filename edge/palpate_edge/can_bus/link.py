@@ -32,6 +32,9 @@ CRTL_ACTIVE = 0x40
 CAN_FD_FLAGS = 0x01 | 0x04
 """linux/can.h, flags of a canfd_frame with a fast data phase: CANFD_BRS, CANFD_FDF."""
 
+CAN_PATIENCE_S = 0.05
+"""`patience_s` of a real bus: 128 frames drain in 17 ms at 1 Mbit/s. Short against a heartbeat time."""
+
 
 class Marks(Enum):
     """Meaning of a link's mark on a received frame.
@@ -74,9 +77,13 @@ class LinkSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Link(Protocol):
-    """An open CAN interface. Every failure is a `BusError` whose text is the reason alone."""
+    """An open CAN interface. Every failure is a `BusError` whose text is the reason alone.
+
+    patience_s: how long `Bus.send` tries a full transmit queue again.
+    """
 
     marks: Marks
+    patience_s: float
 
     def try_send(self, frames: Sequence[CanFrame]) -> int:
         """Queue the leading frames without waiting; return how many: fewer when the transmit queue is full.

@@ -9,7 +9,7 @@ from typing import Any
 import can
 
 from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
-from palpate_edge.can_bus.link import Arrival, ErrorReport, LinkSettings, Marks, send_each
+from palpate_edge.can_bus.link import CAN_PATIENCE_S, Arrival, ErrorReport, LinkSettings, Marks, send_each
 from palpate_edge.common.errors import BusError
 
 _SOCKET_BUFFER_FULL = "Transmit buffer full"  # the text of some drivers, which set no error code
@@ -17,6 +17,8 @@ _SOCKET_BUFFER_FULL = "Transmit buffer full"  # the text of some drivers, which 
 
 class PythonCanLink:
     """A bus that python-can has opened; see `Link`. carries_fd: it was opened with CAN FD."""
+
+    patience_s = CAN_PATIENCE_S
 
     def __init__(self, bus: can.BusABC, marks: Marks = Marks.NONE, *, carries_fd: bool = False) -> None:
         self.marks = marks

@@ -16,6 +16,7 @@ from palpate_edge.can_bus.can_frame import MAX_STANDARD_ID, CanFrame
 from palpate_edge.can_bus.link import (
     CAN_ERR_CRTL,
     CAN_FD_FLAGS,
+    CAN_PATIENCE_S,
     CRTL_RECEIVE_OVERFLOW,
     Arrival,
     ErrorReport,
@@ -51,6 +52,7 @@ class SocketCanLink:
     """
 
     marks = Marks.MACHINE
+    patience_s = CAN_PATIENCE_S
 
     def __init__(self, settings: LinkSettings) -> None:
         channel = settings.channel or DEFAULT_CHANNEL

@@ -49,6 +49,7 @@ class HubPort:
     """
 
     marks = Marks.PROGRAM
+    patience_s = 0.5  # a busy PC may leave the hub without a processor for longer than a bus is busy
 
     def __init__(self, settings: LinkSettings) -> None:
         self.path = Path(settings.channel) if settings.channel else default_socket()

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import random
 import select
+import signal
 import socket
 import stat
+import threading
 import time
 from itertools import pairwise
 
@@ -118,6 +120,19 @@ def test_the_edge_bus_retries_enobufs_with_a_bound_and_counts(start_hub, open_ed
     ask(hub.path, ClearFaults())
     bus.send([CanFrame(0x102)])
     assert {port.name: port.refused for port in statistics(hub).ports}["a"] > 3
+
+
+def test_frames_wait_for_a_hub_that_the_machine_does_not_run_for_a_moment(hub, open_edge):
+    """Ten times as many frames as the queue holds, into a hub that stands for 0.2 s, as on a busy PC."""
+    listener, sender = open_edge("listener"), open_edge("a")
+    sent = [CanFrame(0x180, bytes([number])) for number in range(160)]
+    hub.process.send_signal(signal.SIGSTOP)
+    go_on = threading.Timer(0.2, hub.process.send_signal, [signal.SIGCONT])
+    go_on.start()
+    sender.send(sent)
+    go_on.join()
+    assert [frame for _, frame in receive_count(listener, len(sent))] == sent
+    assert sender.counters.send_retries >= 8
 
 
 def test_bus_off_is_an_error_frame_a_state_and_a_refusal(hub, open_port):

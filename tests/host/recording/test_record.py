@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -43,9 +43,15 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
         time.sleep(0.02)
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
+@contextmanager
+def running(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """A process of palpate-host; killed if it still runs at the end."""
     command = [sys.executable, "-m", "palpate_host.cli.main", *map(str, arguments)]
-    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +64,9 @@ def told() -> list[HostStatus]:
 @pytest.fixture
 def hub(tmp_path: Path) -> Iterator[Path]:
     path = tmp_path / "hub.sock"
-    process = start("bus", "hub", "--socket", path)
-    assert process.stderr is not None and "listening" in process.stderr.readline()
-    yield path
-    process.terminate()
-    process.communicate(timeout=PATIENCE_S)
+    with running("bus", "hub", "--socket", path) as process:
+        assert process.stderr is not None and "listening" in process.stderr.readline()
+        yield path
 
 
 @pytest.fixture
@@ -111,11 +115,14 @@ def test_what_bus_and_host_say_is_kept(
 ) -> None:
     """After SIGTERM everything; after SIGKILL all but the last second. The mcap library reads the MCAP."""
     folder, control = tmp_path / "recording", tmp_path / "host.sock"
-    recorder = start("record", "--config", hand_toml, "-o", folder, "--socket", control)
-    assert recorder.stderr is not None and "record: listening" in recorder.stderr.readline()
     sent = [CanFrame(0x181, bytes([number])) for number in range(200)]
-    server = OperatorSocket(control)  # a host that comes later
-    with open_bus(BusConfig(interface="palpate", channel=str(hub)), "test") as bus:
+    with ExitStack() as stack:
+        recorder = stack.enter_context(
+            running("record", "--config", hand_toml, "-o", folder, "--socket", control)
+        )
+        assert recorder.stderr is not None and "record: listening" in recorder.stderr.readline()
+        server = stack.enter_context(closing(OperatorSocket(control)))  # a host that comes later
+        bus = stack.enter_context(open_bus(BusConfig(interface="palpate", channel=str(hub)), "test"))
         bus.send(sent)
         serve(server, told)
         log = folder / "000001.log"
@@ -126,7 +133,6 @@ def test_what_bus_and_host_say_is_kept(
             time.sleep(0.5)
         recorder.send_signal(end)
         said, _ = recorder.communicate(timeout=PATIENCE_S)
-    server.close()
     kept = list(read_statuses(folder, *load_hand(TABLE_4)))
     assert is_part_of(kept, told)
     assert [record.frame for record in read_log(log).records] == sent
