@@ -108,9 +108,8 @@ def _start(reader: DisplacementReader, press: TrainingPress, left_out: LeftOut, 
     """Return the answer for a press of a correction model that has not seen it."""
     field = reader.read(press.beads)
     turn = rotation_about_z(field.azimuth_rad)
-    direction, force = turn @ left_out.targets[row, :3], turn @ left_out.targets[row, 3:]
-    x, y, z = (direction / np.linalg.norm(direction)).tolist()
-    x_N, y_N, z_N = force.tolist()
+    x, y, z = (turn @ left_out.directions[row]).tolist()
+    x_N, y_N, z_N = (turn @ left_out.forces_N[row]).tolist()
     return FitStart((x, y, z), (x_N, y_N, z_N), field, press.faintness)
 
 

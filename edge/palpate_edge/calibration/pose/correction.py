@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate_edge.calibration.evidence import mean_by_evidence
 from palpate_edge.calibration.pose.regression.kernel_regression import kernel
 from palpate_edge.common.arrays import Array
 
@@ -85,10 +86,8 @@ def _posterior(points: Array, first: Array, left: Array) -> _Posterior:
             logs.append(-0.5 * float(fit - left.shape[1] * np.log(inverse).sum()))
             left_over = weights / (squared @ inverse)[:, None]
             found.append((weights, amplitude * weights, trend * weights, left_over))
-    share = np.exp(np.array(logs) - max(logs))
-    mean = (np.tensordot(share / share.sum(), np.array(each), axes=1) for each in zip(*found, strict=True))
-    weights, rest, slopes, left_over = mean
-    return _Posterior(weights, rest, slopes, left_over, max(logs) + math.log(share.sum()))
+    (weights, rest, slopes, left_over), log_evidence = mean_by_evidence(logs, found)
+    return _Posterior(weights, rest, slopes, left_over, log_evidence)
 
 
 def _half_width(error: Array) -> Array:

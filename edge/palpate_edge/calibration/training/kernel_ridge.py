@@ -56,12 +56,13 @@ FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 class LeftOut:
     """Predictions of samples by models that have not seen their press.
 
-    samples: with forces assumed where they are unknown; targets (s, 6): direction, and force over the field's
-    size in N/mm, in the canonical frame; radius: with left-out radii of the samples.
+    samples: with forces assumed where they are unknown; directions (s, 3): unit vectors, and forces_N (s, 3),
+    in the canonical frame; radius: with left-out radii of the samples.
     """
 
     samples: Samples
-    targets: Array
+    directions: Array
+    forces_N: Array
     radius: ConfidenceRadius
 
 
@@ -97,9 +98,8 @@ class Regression:
         """Unit directions (s, 3), forces (s, 3) N and 95 % radii (s,) mm."""
         points = self.projection.points(fields)
         raw = gaussian_kernel(points, self.centres, self.length) @ self.weights + self.offset
-        direction = raw[:, :3] / np.linalg.norm(raw[:, :3], axis=1, keepdims=True)
         force = raw[:, 3:6] * np.linalg.norm(fields, axis=1, keepdims=True)
-        return direction, force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
+        return _unit(raw[:, :3]), force, np.exp(raw[:, 6] + self.hidden_slope * hidden)
 
     def torsions_Nmm(self, fields: Array) -> Array | None:
         """Torsions (s,) about the inward normal; None where they were not learned."""
@@ -186,15 +186,14 @@ def fit(
     if samples is None or left_out is None:
         return regression
     error_mm = _position_error_mm(left_out, samples, radius_mm)
+    forces_N = _forces_N(left_out, samples)
     regression = replace(
         regression,
         regions=region_errors(samples, error_mm, radius.held),
-        left_out=LeftOut(samples, left_out, radius),
+        left_out=LeftOut(samples, _unit(left_out[:, :3]), forces_N, radius),
     )
     if has_forces:
-        size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
-        missed = np.linalg.norm(left_out[:, 3:6] * size - samples.forces_N, axis=1)
-        regression = replace(regression, force95=fit_interval(missed, samples))
+        regression = replace(regression, force95=fit_interval(force_misses_N(forces_N, samples), samples))
     return regression if samples.torsions_Nmm is None else _with_torsion(regression, samples, dome)
 
 
@@ -332,10 +331,23 @@ def _targets(fields: Array, directions: Array, forces: Array) -> Array:
     return np.concatenate([directions, forces / np.linalg.norm(fields, axis=1, keepdims=True)], axis=1)
 
 
+def _forces_N(prediction: Array, samples: Samples) -> Array:
+    """Return the forces (s, 3) of predicted targets (s, 6)."""
+    return np.asarray(prediction[:, 3:] * np.linalg.norm(samples.fields, axis=1, keepdims=True))
+
+
+def force_misses_N(forces_N: Array, samples: Samples) -> Array:
+    """Return the distances (s,) between predicted (s, 3) and true forces."""
+    return np.asarray(np.linalg.norm(forces_N - samples.forces_N, axis=1))
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
 def _position_error_mm(prediction: Array, samples: Samples, radius_mm: float) -> Array:
     """Return the distances (s,) between predicted (s, 6) and true places."""
-    direction = prediction[:, :3] / np.linalg.norm(prediction[:, :3], axis=1, keepdims=True)
-    return np.asarray(radius_mm * np.linalg.norm(direction - samples.directions, axis=1))
+    return np.asarray(radius_mm * np.linalg.norm(_unit(prediction[:, :3]) - samples.directions, axis=1))
 
 
 def _position_score(error_mm: Array, samples: Samples) -> float:
@@ -347,9 +359,7 @@ def _position_score(error_mm: Array, samples: Samples) -> float:
 def _force_score(prediction: Array, samples: Samples) -> float:
     """Return the mean error of the plain samples' force, N: a few large ones of few presses decide less than
     in the root mean square."""
-    size = np.linalg.norm(samples.fields, axis=1, keepdims=True)
-    error_N = np.linalg.norm(prediction[:, 3:6] * size - samples.forces_N, axis=1)
-    return float(error_N[samples.plain].mean())
+    return float(force_misses_N(_forces_N(prediction, samples), samples)[samples.plain].mean())
 
 
 def _joined(

@@ -10,16 +10,16 @@ among them. The result is used where it brings the forces of presses left out ne
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from palpate_edge.calibration.evidence import mean_by_evidence
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.interval import Interval, fit_interval
-from palpate_edge.calibration.training.kernel_ridge import LeftOut
-from palpate_edge.calibration.training.samples import TrainingPress
+from palpate_edge.calibration.training.kernel_ridge import LeftOut, force_misses_N
+from palpate_edge.calibration.training.samples import Samples, TrainingPress
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed
@@ -54,8 +54,7 @@ class _MeanStiffness:
 def fit_place_stiffness(left_out: LeftOut, presses: Sequence[TrainingPress]) -> FittedStiffness | None:
     """Fit to the presses (c,) that were left out; None where the stiffness does not improve their forces."""
     samples = left_out.samples
-    given_N = left_out.targets[:, 3:6] * np.linalg.norm(samples.fields, axis=1, keepdims=True)
-    log_ratio = _log_ratios(given_N, left_out, len(presses))
+    log_ratio = _log_ratios(left_out.forces_N, samples, len(presses))
     places = np.array([press.direction for press in presses])
     noise = np.minimum([press.faintness for press in presses], MOST_FAINTNESS)
     found = [
@@ -63,10 +62,8 @@ def fit_place_stiffness(left_out: LeftOut, presses: Sequence[TrainingPress]) -> 
     ]
     length, best = max(found, key=lambda one: one[1].log_evidence)
     ratio = np.exp(log_ratio - best.left_over)[samples.press, None]
-    before_N, after_N = (
-        np.linalg.norm(force_N - samples.forces_N, axis=1) for force_N in (given_N, ratio * given_N)
-    )
-    if after_N[samples.plain].mean() >= before_N[samples.plain].mean():
+    after_N = force_misses_N(ratio * left_out.forces_N, samples)
+    if after_N[samples.plain].mean() >= force_misses_N(left_out.forces_N, samples)[samples.plain].mean():
         return None
     expansion = Expansion(
         packed(np.eye(3) / length), packed(best.weights[:, None]), packed(np.array([best.offset]))
@@ -74,10 +71,9 @@ def fit_place_stiffness(left_out: LeftOut, presses: Sequence[TrainingPress]) -> 
     return FittedStiffness(PlaceStiffness(packed(places), expansion), fit_interval(after_N, samples))
 
 
-def _log_ratios(given_N: Array, left_out: LeftOut, count: int) -> Array:
+def _log_ratios(given_N: Array, samples: Samples, count: int) -> Array:
     """Return the logarithm (c,) of each press's force over the given ones (s, 3) of its plain samples, by
     least squares."""
-    samples = left_out.samples
     products, squares = (
         np.bincount(samples.press[samples.plain], np.vecdot(given_N, other_N)[samples.plain], minlength=count)
         for other_N in (samples.forces_N, given_N)
@@ -95,9 +91,5 @@ def _posterior(smooth: Array, log_ratio: Array, noise: Array) -> _MeanStiffness:
         pull = inverse @ log_ratio
         logs.append(0.5 * float(np.linalg.slogdet(inverse)[1] - log_ratio @ pull))
         found.append((amplitude**2 * pull, COMMON**2 * pull.sum(), pull / inverse.diagonal()))
-    share = np.exp(np.array(logs) - max(logs))
-    log_evidence = max(logs) + math.log(share.sum())
-    weights, offset, left_over = (
-        np.tensordot(share / share.sum(), np.array(each), axes=1) for each in zip(*found, strict=True)
-    )
+    (weights, offset, left_over), log_evidence = mean_by_evidence(logs, found)
     return _MeanStiffness(weights, float(offset), left_over, log_evidence)

@@ -147,10 +147,9 @@ def test_the_share_minimises_the_square_error_and_is_cautious_with_few_presses()
 def test_errors_twice_as_large_have_twice_the_radius(fitted):
     regression, _ = fitted
     assert regression.left_out is not None
-    samples, radius = regression.left_out.samples, regression.left_out.radius
-    directions = regression.left_out.targets[:, :3]
-    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    error_mm = DOME_RADIUS_MM * np.linalg.norm(directions - samples.directions, axis=1)
+    left_out = regression.left_out
+    samples, radius = left_out.samples, left_out.radius
+    error_mm = DOME_RADIUS_MM * np.linalg.norm(left_out.directions - samples.directions, axis=1)
     scale, held = combined_radius(radius, error_mm, samples, DOME_RADIUS_MM)
     assert scale == pytest.approx(1.0, abs=0.02)
     assert held == pytest.approx(radius.held)

@@ -53,10 +53,8 @@ def left_out(ratio: Array, seed: int, noise: float = 0.02) -> tuple[LeftOut, lis
         press=np.tile(np.arange(count), 2),
         plain=np.ones(2 * count, dtype=np.bool_),
     )
-    size_mm = np.linalg.norm(samples.fields, axis=1, keepdims=True)
-    targets = np.hstack([samples.directions, canonical(given_N) / size_mm])
     presses = [TrainingPress(NO_BEADS, place, force) for place, force in zip(places, forces_N, strict=True)]
-    return LeftOut(samples, targets, RADIUS), presses
+    return LeftOut(samples, samples.directions, canonical(given_N), RADIUS), presses
 
 
 def stiffer_to_one_side(at: Array) -> Array:
