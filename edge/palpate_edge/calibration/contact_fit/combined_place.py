@@ -15,12 +15,13 @@ import numpy as np
 
 from palpate_edge.calibration.contact_fit.contact_shapes import dome_shapes, own_shapes
 from palpate_edge.calibration.training.answer_field import AnswerField
-from palpate_edge.calibration.training.confidence_radius import combined_radius
 from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.kernel_ridge import LeftOut, Regression
-from palpate_edge.calibration.training.left_out_regions import region_errors
+from palpate_edge.calibration.training.kernel_ridge import Regression
+from palpate_edge.calibration.training.left_out import LeftOut
 from palpate_edge.calibration.training.projection import Projection
 from palpate_edge.calibration.training.samples import TrainingPress
+from palpate_edge.calibration.training.uncertainty.confidence_radius import combined_radius
+from palpate_edge.calibration.training.uncertainty.left_out_regions import region_errors
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.calibration import RegionErrors
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields

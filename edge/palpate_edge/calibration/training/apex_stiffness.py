@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.interval import Interval
 from palpate_edge.calibration.training.samples import WeighedSamples
+from palpate_edge.calibration.training.uncertainty.interval import Interval
 from palpate_edge.common.arrays import Array
 
 # 95 % radius of the force vector at the dome model's median force, over that force, and its power of the

@@ -20,22 +20,23 @@ from palpate_edge.calibration.training.apex_stiffness import (
     apex_stiffness,
     typical_force_interval,
 )
-from palpate_edge.calibration.training.compress import compressed
-from palpate_edge.calibration.training.confidence_radius import (
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
+from palpate_edge.calibration.training.inverse_factor import inverse_factor
+from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N
+from palpate_edge.calibration.training.projection import Projection, fit_projection
+from palpate_edge.calibration.training.samples import Samples, WeighedSamples
+from palpate_edge.calibration.training.torsion import KnownTorsions, fit_torsion
+from palpate_edge.calibration.training.trained_expansion import TrainedExpansion, joined_expansion
+from palpate_edge.calibration.training.uncertainty.confidence_radius import (
     ConfidenceRadius,
     constant_radius,
     fit_radius,
     left_out_residuals,
     strangeness,
 )
-from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
-from palpate_edge.calibration.training.interval import Interval, fit_interval
-from palpate_edge.calibration.training.inverse_factor import inverse_factor
-from palpate_edge.calibration.training.left_out_regions import region_errors
-from palpate_edge.calibration.training.projection import Projection, fit_projection
-from palpate_edge.calibration.training.samples import Samples, WeighedSamples
-from palpate_edge.calibration.training.torsion import KnownTorsions, fit_torsion
+from palpate_edge.calibration.training.uncertainty.interval import Interval, fit_interval
+from palpate_edge.calibration.training.uncertainty.left_out_regions import region_errors
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.calibration import RegionErrors
 
@@ -44,26 +45,9 @@ ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of t
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
-MOST_CENTRES = 900
-COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
-OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
-
-
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """Predictions of samples by models that have not seen their press.
-
-    samples: with forces assumed where they are unknown; directions (s, 3): unit vectors, and forces_N (s, 3),
-    in the canonical frame; radius: with left-out radii of the samples.
-    """
-
-    samples: Samples
-    directions: Array
-    forces_N: Array
-    radius: ConfidenceRadius
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,19 +101,6 @@ class Regression:
         return np.asarray(((off - answered) ** 2).sum(axis=1))
 
 
-@dataclass(frozen=True, slots=True)
-class _Expansion:
-    """Centres with their kernel's length and weights (c, k), and what is added to their sum (k,)."""
-
-    centres: Array
-    length: float
-    weights: Array
-    offset: Array
-
-    def at(self, points: Array) -> Array:
-        return np.asarray(gaussian_kernel(points, self.centres, self.length) @ self.weights + self.offset)
-
-
 def fit(
     samples: Samples | None,
     dome: DomeModel | None,
@@ -157,11 +128,11 @@ def fit(
         scale = apex.scale
     if base is not None and scale is not None:
         factor = np.array([1, 1, 1, scale, scale, scale])
-        base = _Expansion(base.centres, base.length, base.weights * factor, base.offset * factor)
+        base = TrainedExpansion(base.centres, base.length, base.weights * factor, base.offset * factor)
     if samples is not None and not has_forces:
         samples = _with_assumed_forces(samples, projection, base)
     progress(1, 1 + SETTINGS)
-    own: list[_Expansion] = []
+    own: list[TrainedExpansion] = []
     radius, left_out = constant_radius(radius_mm, open_rad), None
     if samples is not None and taught:
         own, radius, left_out = _fit_own(projection, base, samples, radius_mm, progress)
@@ -169,13 +140,13 @@ def fit(
     strange = None
     if own and samples is not None and dome is not None:
         strange = strangeness(dome.directions, samples.directions)
-    joined = _joined(base, own, radius, strange)
+    whole = joined_expansion(base, own, radius, strange)
     regression = Regression(
         projection=projection,
-        centres=joined.centres,
-        length=joined.length,
-        weights=joined.weights,
-        offset=joined.offset,
+        centres=whole.centres,
+        length=whole.length,
+        weights=whole.weights,
+        offset=whole.offset,
         hidden_slope=radius.hidden_slope,
         stiffness_scale=scale,
         answer_field=answer_field,
@@ -235,15 +206,15 @@ def _project(samples: Samples | None, dome: DomeModel | None, *, taught: bool) -
     return fit_projection(fields, dome.fields, off / np.concatenate(deviation))
 
 
-def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> _Expansion:
+def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> TrainedExpansion:
     points = projection.points(dome.fields)
     target = _targets(dome.fields, dome.directions, dome.forces)
     offset = np.asarray(target.mean(axis=0))
     gram = gaussian_kernel(points, points, length) + ridge * np.eye(len(points))
-    return _Expansion(points, length, np.linalg.solve(gram, target - offset), offset)
+    return TrainedExpansion(points, length, np.linalg.solve(gram, target - offset), offset)
 
 
-def _with_assumed_forces(samples: Samples, projection: Projection, base: _Expansion | None) -> Samples:
+def _with_assumed_forces(samples: Samples, projection: Projection, base: TrainedExpansion | None) -> Samples:
     """Return the samples with the dome model's forces, inward ones without it, in place of unknown ones.
 
     The place is then learned as from any presses; the forces are never given out.
@@ -253,7 +224,7 @@ def _with_assumed_forces(samples: Samples, projection: Projection, base: _Expans
     return replace(samples, forces_N=np.asarray(relative * size))
 
 
-def _stiffness_scale(projection: Projection, base: _Expansion, samples: Samples) -> float:
+def _stiffness_scale(projection: Projection, base: TrainedExpansion, samples: Samples) -> float:
     """Least squares of the sensor's forces on the dome model's, over the plain samples."""
     plain = samples.plain
     given = base.at(projection.points(samples.fields[plain]))[:, 3:]
@@ -263,11 +234,11 @@ def _stiffness_scale(projection: Projection, base: _Expansion, samples: Samples)
 
 def _fit_own(
     projection: Projection,
-    base: _Expansion | None,
+    base: TrainedExpansion | None,
     samples: Samples,
     radius_mm: float,
     progress: Callable[[int, int], None],
-) -> tuple[list[_Expansion], ConfidenceRadius, Array]:
+) -> tuple[list[TrainedExpansion], ConfidenceRadius, Array]:
     """The sensor's own expansions with the log radius, one a length; how far left-out presses were missed,
     and their predicted targets (s, 6).
 
@@ -299,7 +270,7 @@ def _fit_own(
     summed = (shares * fitted).reshape(len(LENGTHS), len(RIDGES), *target.shape).sum(axis=1)
     offset = np.append(target.mean(axis=0) if base is None else np.zeros(6), 0.0)
     own = [
-        _Expansion(
+        TrainedExpansion(
             points,
             length,
             np.column_stack([weights, radius.weights * (length == chosen)]),
@@ -336,11 +307,6 @@ def _forces_N(prediction: Array, samples: Samples) -> Array:
     return np.asarray(prediction[:, 3:] * np.linalg.norm(samples.fields, axis=1, keepdims=True))
 
 
-def force_misses_N(forces_N: Array, samples: Samples) -> Array:
-    """Return the distances (s,) between predicted (s, 3) and true forces."""
-    return np.asarray(np.linalg.norm(forces_N - samples.forces_N, axis=1))
-
-
 def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
@@ -360,41 +326,3 @@ def _force_score(prediction: Array, samples: Samples) -> float:
     """Return the mean error of the plain samples' force, N: a few large ones of few presses decide less than
     in the root mean square."""
     return float(force_misses_N(_forces_N(prediction, samples), samples)[samples.plain].mean())
-
-
-def _joined(
-    base: _Expansion | None, own: list[_Expansion], radius: ConfidenceRadius, strange: Array | None
-) -> _Expansion:
-    """The sum of all expansions, with the log radius beside it, as one of at most `MOST_CENTRES`.
-
-    own: of the same centres; strange (d,): confidence_radius.strangeness at the dome model's centres, which
-    come first.
-    """
-    parts = list(own)
-    if base is not None:
-        no_radius = np.zeros(len(base.centres))
-        parts.insert(
-            0,
-            _Expansion(
-                base.centres,
-                base.length,
-                np.column_stack([base.weights, no_radius]),
-                np.append(base.offset, 0.0),
-            ),
-        )
-    offset = np.sum([part.offset for part in parts], axis=0) + radius.level * np.eye(7)[6]
-    if not own and len(parts[0].centres) <= MOST_CENTRES:
-        return replace(parts[0], offset=offset)
-    centres = np.concatenate([part.centres for part in parts[: 1 + (base is not None)]])
-    values = np.sum(
-        [gaussian_kernel(centres, part.centres, part.length) @ part.weights for part in parts], axis=0
-    )
-    if strange is not None:
-        values[: len(strange), 6] += np.log(strange)
-    taught = len(own[0].centres) if own else 0
-    importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
-    common = COMMON_LENGTH if own else parts[0].length
-    fewer, weights = compressed(
-        centres, values, lambda a, b: gaussian_kernel(a, b, common), MOST_CENTRES, importance
-    )
-    return _Expansion(fewer, common, weights, offset)

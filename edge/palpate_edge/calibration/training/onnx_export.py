@@ -18,8 +18,8 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from palpate_edge.calibration.training.answer_field import LENGTH
-from palpate_edge.calibration.training.interval import Interval
 from palpate_edge.calibration.training.kernel_ridge import Regression
+from palpate_edge.calibration.training.uncertainty.interval import Interval
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.contact_fit.contact_fields import FORCE_WEIGHT, PLACE_WEIGHT, SIZE_WEIGHT

@@ -17,9 +17,9 @@ import numpy as np
 
 from palpate_edge.calibration.evidence import mean_by_evidence
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
-from palpate_edge.calibration.training.interval import Interval, fit_interval
-from palpate_edge.calibration.training.kernel_ridge import LeftOut, force_misses_N
+from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N
 from palpate_edge.calibration.training.samples import Samples, TrainingPress
+from palpate_edge.calibration.training.uncertainty.interval import Interval, fit_interval
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, packed

@@ -12,11 +12,11 @@ from palpate_edge.calibration.contact_fit.combined_place import (
     best_share,
     fit_combined_place,
 )
-from palpate_edge.calibration.training.confidence_radius import combined_radius
 from palpate_edge.calibration.training.dome_model import load_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import TrainingPress, make_samples
 from palpate_edge.calibration.training.typical_contacts import typical_fields
+from palpate_edge.calibration.training.uncertainty.confidence_radius import combined_radius
 from palpate_edge.estimation.contact_fit.contact_fitter import ContactFitter, FitStart
 from palpate_edge.estimation.displacement_field import DisplacementReader, interpolation
 from palpate_edge.geometry.angles import rotation_about_z

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.training import place_stiffness
-from palpate_edge.calibration.training.confidence_radius import constant_radius
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
-from palpate_edge.calibration.training.kernel_ridge import LeftOut
+from palpate_edge.calibration.training.left_out import LeftOut
 from palpate_edge.calibration.training.place_stiffness import fit_place_stiffness
 from palpate_edge.calibration.training.samples import Samples, TrainingPress
+from palpate_edge.calibration.training.uncertainty.confidence_radius import constant_radius
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.contact_fit.place_stiffness import StiffnessMap
 from palpate_edge.vision.beads import Beads

@@ -9,10 +9,10 @@ import pytest
 
 from palpate_edge.calibration.quantity_figures import force_covered_percent, quantity_lines, torsion_figures
 from palpate_edge.calibration.training.dome_model import DomeModel, TwistedPresses
-from palpate_edge.calibration.training.interval import fit_interval
 from palpate_edge.calibration.training.kernel_ridge import Regression, fit
 from palpate_edge.calibration.training.onnx_export import export
 from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.uncertainty.interval import fit_interval
 from palpate_edge.common.contact import Contact
 from palpate_edge.datasets.press_dataset import Press
 from palpate_edge.estimation.correction_model import CorrectionModel

@@ -9,7 +9,7 @@ import pytest
 
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.kernel_ridge import fit
-from palpate_edge.calibration.training.left_out_regions import region_errors
+from palpate_edge.calibration.training.uncertainty.left_out_regions import region_errors
 from palpate_edge.estimation.calibration import RegionErrors
 
 

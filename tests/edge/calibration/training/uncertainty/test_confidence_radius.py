@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.calibration.training.confidence_radius import (
+from palpate_edge.calibration.training.dome_model import DomeModel
+from palpate_edge.calibration.training.inverse_factor import inverse_factor
+from palpate_edge.calibration.training.kernel_ridge import fit
+from palpate_edge.calibration.training.uncertainty.confidence_radius import (
     STRANGER_DEG,
     UNTAUGHT,
     constant_radius,
@@ -17,9 +20,6 @@ from palpate_edge.calibration.training.confidence_radius import (
     left_out_residuals,
     strangeness,
 )
-from palpate_edge.calibration.training.dome_model import DomeModel
-from palpate_edge.calibration.training.inverse_factor import inverse_factor
-from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.estimation.skin_motion import faintness
 
 RADIUS_MM = 30.0

@@ -13,7 +13,7 @@ from statistics import NormalDist
 import numpy as np
 
 from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.calibration.training.upper_limit import TypicalErrors, upper_limit
+from palpate_edge.calibration.training.uncertainty.upper_limit import TypicalErrors, upper_limit
 from palpate_edge.common.arrays import Array
 
 FLOOR = 1e-3  # of the largest error; a luckily small error says nothing

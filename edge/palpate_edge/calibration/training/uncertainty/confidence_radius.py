@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
 from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.calibration.training.upper_limit import TypicalErrors, upper_limit
+from palpate_edge.calibration.training.uncertainty.upper_limit import TypicalErrors, upper_limit
 from palpate_edge.common.arrays import Array, Mask
 
 RIDGE = 0.3  # times the root of the number of samples

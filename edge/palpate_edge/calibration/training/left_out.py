@@ -1,0 +1,30 @@
+"""Predictions of presses by models that have not seen them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate_edge.calibration.training.samples import Samples
+from palpate_edge.calibration.training.uncertainty.confidence_radius import ConfidenceRadius
+from palpate_edge.common.arrays import Array
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Predictions of samples by models that have not seen their press.
+
+    samples: with forces assumed where they are unknown; directions (s, 3): unit vectors, and forces_N (s, 3),
+    in the canonical frame; radius: with left-out radii of the samples.
+    """
+
+    samples: Samples
+    directions: Array
+    forces_N: Array
+    radius: ConfidenceRadius
+
+
+def force_misses_N(forces_N: Array, samples: Samples) -> Array:
+    """Return the distances (s,) between predicted (s, 3) and true forces."""
+    return np.asarray(np.linalg.norm(forces_N - samples.forces_N, axis=1))
