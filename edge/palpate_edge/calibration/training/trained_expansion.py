@@ -13,6 +13,8 @@ from palpate_edge.common.arrays import Array
 
 MOST_CENTRES = 900
 COMMON_LENGTH = 1.5  # of the kernel about the centres that are kept
+PLACE_SHARE, RADIUS_SHARE = 4.0, 0.1  # of misses in the choice of centres, beside those of the force
+LEAST_DEVIATION = 1e-9  # of a log radius, which is constant without presses
 OWN_IMPORTANCE = 5.0  # of the sensor's own samples where centres are left out, over the dome model's
 
 
@@ -66,6 +68,14 @@ def joined_expansion(
     importance = np.where(np.arange(len(centres)) < len(centres) - taught, 1.0, OWN_IMPORTANCE)
     common = COMMON_LENGTH if own else parts[0].length
     fewer, weights = compressed(
-        centres, values, lambda a, b: gaussian_kernel(a, b, common), MOST_CENTRES, importance
+        centres, values, lambda a, b: gaussian_kernel(a, b, common), MOST_CENTRES, importance, _units(values)
     )
     return TrainedExpansion(fewer, common, weights, offset)
+
+
+def _units(values: Array) -> Array:
+    """Return the units (7,) of misses of direction, force over size, and log radius (n, 7)."""
+    deviation = values.std(axis=0)
+    direction, force = (float(np.linalg.norm(deviation[part])) for part in (slice(3), slice(3, 6)))
+    radius = max(float(deviation[6]), LEAST_DEVIATION)
+    return np.repeat([direction / PLACE_SHARE, force, radius / RADIUS_SHARE], [3, 3, 1])

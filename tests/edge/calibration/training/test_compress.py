@@ -1,11 +1,12 @@
-"""Fewer centres: the pivots against scipy's pivoted Cholesky, the smaller sum against the whole one."""
+"""Fewer centres: pivots against sums that are solved for, the factor against LAPACK's, fewer against all."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dpstrf
+import pytest
+import scipy.linalg
 
-from palpate_edge.calibration.training.compress import compressed, pivoted_cholesky
+from palpate_edge.calibration.training.compress import compressed, greedy_pivots
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 
 
@@ -17,14 +18,34 @@ def kernel(a, b):
     return gaussian_kernel(a, b, 1.5)
 
 
-def test_the_pivots_and_the_factor_are_lapacks():
+def test_each_pivot_is_where_the_sum_about_those_before_misses_by_most():
     place = points()
-    matrix = kernel(place, place)
-    pivots, factor = pivoted_cholesky(place, kernel, 25)
-    whole, order, _, _ = dpstrf(matrix, lower=1)
-    assert pivots.tolist() == (order[:25] - 1).tolist()
-    lapacks = np.tril(whole)[:, :25]
-    assert np.allclose(factor[order - 1], lapacks, atol=1e-8)
+    values = np.stack([np.sin(4 * place[:, 0]), place[:, 1] * place[:, 2]], axis=1)
+    pivots, _ = greedy_pivots(place, values, kernel, 12)
+    for number, pivot in enumerate(pivots):
+        before = place[pivots[:number]]
+        weights = np.linalg.solve(kernel(before, before), values[pivots[:number]])
+        missed = np.linalg.norm(values - kernel(place, before) @ weights, axis=1)
+        assert missed[pivot] == pytest.approx(missed.max())
+
+
+def test_the_factor_is_lapacks_in_the_order_of_the_pivots():
+    place = points()
+    pivots, factor = greedy_pivots(place, np.sin(4 * place[:, :1]), kernel, 25)
+    chosen = place[pivots]
+    assert np.allclose(factor[pivots], scipy.linalg.cholesky(kernel(chosen, chosen), lower=True), atol=1e-8)
+    assert np.allclose(factor @ factor[pivots].T, kernel(place, chosen), atol=1e-8)
+
+
+def test_values_in_small_units_are_met_as_well():
+    """Two unlike values of which one is written in a unit 1000 times as large."""
+    place = points(300)
+    values = np.stack([np.sin(5 * place[:, 0]), np.sin(5 * place[:, 1])], axis=1)
+    same = compressed(place, values, kernel, 40, np.ones(300))
+    units = np.array([1.0, 1e-3])
+    centres, weights = compressed(place, values * units, kernel, 40, np.ones(300), units)
+    assert np.array_equal(centres, same[0])
+    assert np.allclose(weights, same[1] * units, rtol=1e-4, atol=1e-9)
 
 
 def test_a_fifth_of_the_centres_says_what_all_say():
