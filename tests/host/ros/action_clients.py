@@ -25,7 +25,7 @@ class ActionClients:
             name: ActionClient(listener.node, getattr(self.types, name.title()), namespace + name)
             for name in ("grasp", "turn", "move", "reorient", "release")
         }
-        self.refusals = listener.subscribe(String, namespace + "response")
+        self.refusals = listener.latched(String, namespace + "response")
         self.feedback: list[Any] = []
 
     def send(self, name: str, **fields: Any) -> Any:

@@ -64,6 +64,12 @@ class Listener:
         )
         return received
 
+    def latched(self, kind: Any, topic: str) -> list[tuple[int, Any]]:
+        """Subscribe to a topic that keeps its last message, which comes first."""
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        return self.subscribe(kind, topic, QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+
     def call(self, name: str) -> Any:
         """Call a service of std_srvs/Trigger and return its response."""
         from std_srvs.srv import Trigger
@@ -86,6 +92,21 @@ def wait_for(condition: Callable[[], Any], what: str) -> None:
     while not condition():
         assert time.monotonic() < end_s, f"{what} did not come"
         time.sleep(0.005)
+
+
+def publish_until_heard(publish: Callable[[int], None], is_heard: Callable[[int], bool]) -> None:
+    """Publish the messages 0, 1, ... a second apart until the last one has had its effect.
+
+    Publisher and subscription learn of each other at different times, and a message between is lost.
+    """
+    for number in range(int(PATIENCE_S)):
+        publish(number)
+        end_s = time.monotonic() + 1.0
+        while time.monotonic() < end_s:
+            if is_heard(number):
+                return
+            time.sleep(TICK_S)
+    raise AssertionError("no message has had an effect")
 
 
 @pytest.fixture(autouse=True)

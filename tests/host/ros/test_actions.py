@@ -92,6 +92,7 @@ def test_a_refused_goal_has_its_reason_on_the_topic_response(
         ("turn", {"tolerance": -1.0}, "turn: tolerance = -1 is not within 0 and 3.14159"),
         ("turn", {"duration": math.nan}, "turn: duration = nan is not within 0 and 600"),
     ):
+        wait_for(lambda: client.refusals, "the last response")
         before = len(client.refusals)
         assert not client.send(name, **fields).accepted
         wait_for(lambda: len(client.refusals) > before, "the reason")  # noqa: B023 - called at once

@@ -23,6 +23,7 @@ from tests.host.ros.conftest import (
     PATIENCE_S,
     TICK_S,
     Listener,
+    publish_until_heard,
     refuse,
     serve_until,
     wait_for,
@@ -57,7 +58,7 @@ def test_a_silent_host_is_noticed_by_mode_and_by_deadline(
     """A late subscriber receives the URDF and the mode at once."""
     from rclpy.duration import Duration
     from rclpy.event_handler import SubscriptionEventCallbacks
-    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rclpy.qos import QoSProfile
     from sensor_msgs.msg import JointState
     from std_msgs.msg import String
 
@@ -67,9 +68,8 @@ def test_a_silent_host_is_noticed_by_mode_and_by_deadline(
     quality = QoSProfile(depth=10, deadline=Duration(seconds=0.2))
     joints = listener.subscribe(JointState, "joint_states", quality, event_callbacks=events)
     serve_until(host, statuses[0], lambda: joints)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    modes = listener.subscribe(String, "mode", latched)
-    urdfs = listener.subscribe(String, "robot_description", latched)
+    modes = listener.latched(String, "mode")
+    urdfs = listener.latched(String, "robot_description")
     serve_until(host, statuses[0], lambda: modes and urdfs)
     assert modes[-1][1].data == statuses[0].mode.value
     assert '<robot name="palpate_hand">' in urdfs[0][1].data
@@ -138,21 +138,19 @@ def test_a_move_reaches_the_host_and_its_response_the_operator(
 
     bridge(HAND, tmp_path / "host.sock", "--commands", "--frame-prefix", "left/")
     publisher = listener.node.create_publisher(PoseStamped, "move", 1)
-    responses = listener.subscribe(String, "response")
-    wait_for(
-        lambda: publisher.get_subscription_count() and listener.node.count_publishers("response"),
-        "the bridge's topics",
-    )
+    responses = listener.latched(String, "response")
+    wait_for(lambda: publisher.get_subscription_count() and responses, "the bridge's topics")
     asked: list[object] = []
+
+    def pose_in(frame: str) -> PoseStamped:
+        turn = Quaternion(z=math.sin(0.1), w=math.cos(0.1))
+        return PoseStamped(
+            header=Header(frame_id=frame), pose=Pose(position=Point(x=0.002, z=-0.001), orientation=turn)
+        )
 
     def response_to(frame: str, execute) -> str:
         before = len(responses)
-        turn = Quaternion(z=math.sin(0.1), w=math.cos(0.1))
-        publisher.publish(
-            PoseStamped(
-                header=Header(frame_id=frame), pose=Pose(position=Point(x=0.002, z=-0.001), orientation=turn)
-            )
-        )
+        publisher.publish(pose_in(frame))
         end_s = time.monotonic() + PATIENCE_S
         while len(responses) == before:
             assert time.monotonic() < end_s
@@ -160,6 +158,10 @@ def test_a_move_reaches_the_host_and_its_response_the_operator(
             time.sleep(TICK_S)
         return responses[-1][1].data
 
+    publish_until_heard(
+        lambda number: publisher.publish(pose_in(f"frame_{number}")),
+        lambda number: f"the frame is frame_{number}:" in responses[-1][1].data,
+    )
     assert response_to("left/hand", asked.append) == "move: accepted"
     assert response_to("", refuse) == "move: not now: wait"
     assert "the frame is right/hand: a pose of move is in left/hand" in response_to("right/hand", refuse)
@@ -247,6 +249,7 @@ def running() -> Iterator[Running]:
 def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, tmp_path, running) -> None:
     """A host with drives and fingertips on the hub. A stop takes effect in the tick after its response."""
     from geometry_msgs.msg import Vector3
+    from std_msgs.msg import String
 
     path = patient_hand(tmp_path)
     put_on_the_bus(running, path)
@@ -257,8 +260,12 @@ def test_grasp_turn_release_and_stop_of_a_real_host(bridge, listener: Listener, 
         assert listener.call("/left/grasp").success
         hand.wait_for(lambda s: s.mode.value == "grasp" and all(f.in_contact for f in s.fingers), 60, "grasp")
         publisher = listener.node.create_publisher(Vector3, "/left/turn", 1)
-        wait_for(publisher.get_subscription_count, "the bridge's subscription")
-        publisher.publish(Vector3(z=0.05))
+        responses = listener.latched(String, "/left/response")
+        wait_for(lambda: publisher.get_subscription_count() and responses, "the bridge's topics")
+        publish_until_heard(
+            lambda _number: publisher.publish(Vector3(z=0.05)),
+            lambda _number: responses[-1][1].data == "turn: accepted",
+        )
         turned_deg = pytest.approx((0.0, 0.0, math.degrees(0.05)))
         hand.wait_for(lambda s: s.target_rpy_deg == turned_deg, PATIENCE_S, "turn")
         assert listener.call("/left/release").success
