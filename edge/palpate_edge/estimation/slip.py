@@ -5,8 +5,8 @@ object sticks, the position stays, however far the skin is sheared: the beads mo
 object slides or rolls, the position travels. Sliding needs the friction limit: silicone on dry solids has a
 friction coefficient of 0.5 or more, so travel with a lower ratio of tangential to normal force is rolling. At
 a higher ratio, with travel along the tangential force, friction drags the skin along: slip. The ratio is a
-mean of three frames: rolling under a high load reaches the limit in single ones. Travel counts from when the
-ratio rose above that of rolling: what a load moves that rises afterwards rolled before.
+mean over `MEAN_US`: rolling under a high load reaches the limit for shorter times. Travel counts from when
+that mean rose above the limit: what moved before has rolled.
 
 Not detected: a flat face that slides over the dome touches the same skin as before. From the first local slip
 until the whole face slides, the beads' displacement field keeps its shape within 1 % (finite elements,
@@ -17,7 +17,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import islice, takewhile
 from operator import mul
+from statistics import fmean
 
 import msgspec
 import numpy as np
@@ -26,11 +28,11 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact, Vector3
 
 WINDOW_US = 1_000_000
-END_FRAMES = 3  # averaged at either end of the window, and the last ones' force ratios
+MEAN_US = 90_000  # of the means: of places at either end of the window, of the last force ratios
+LEAST_FRAMES = 3  # of these means
 MIN_TRAVEL_MM = 1.0
 TRAVEL_OVER_RADIUS = 2.0  # times the largest 95 % radius within the window: noise is no travel
 MIN_FORCE_RATIO = 0.45  # of tangential to normal force; the rolling plates reach 0.4
-HELD_FORCE_RATIO = 0.4  # below it friction holds, and what the contact travelled is rolling
 MIN_COSINE = 0.5  # of the angle between travel and tangential force
 
 
@@ -63,30 +65,32 @@ class SlipDetector:
         self._past.append(_SeenContact(contact.exposed_at_us, position, radius_mm, ratio))
         while contact.exposed_at_us - self._past[0].exposed_at_us > WINDOW_US:
             self._past.popleft()
-        mean_ratio = self._mean_ratio()
-        if mean_ratio < HELD_FORCE_RATIO:
-            while len(self._past) > 2 * END_FRAMES:
+        count = self._frames_of_a_mean()
+        if fmean(seen.force_ratio for seen in islice(reversed(self._past), count)) < MIN_FORCE_RATIO:
+            while len(self._past) > count:
                 self._past.popleft()
-        if min(ratio, mean_ratio) < MIN_FORCE_RATIO:
             return False  # most contacts end here, before anything slower
+        if ratio < MIN_FORCE_RATIO:
+            return False
         outward = np.array(position) / math.hypot(*position)
         tangential = np.array(force) + normal_N * outward
         tangential_N = float(np.linalg.norm(tangential))
-        travel = self._travel_mm()
+        travel = self._travel_mm(count)
         travel_mm = float(np.linalg.norm(travel))
         largest_mm = max(seen.radius_mm for seen in self._past)
         if travel_mm < max(MIN_TRAVEL_MM, TRAVEL_OVER_RADIUS * largest_mm):
             return False
         return float(travel @ tangential) >= MIN_COSINE * travel_mm * tangential_N
 
-    def _mean_ratio(self) -> float:
-        """Return the mean force ratio of the last frames: the noise of one frame is no slip."""
-        count = min(END_FRAMES, len(self._past))
-        return sum(self._past[-number].force_ratio for number in range(1, count + 1)) / count
+    def _frames_of_a_mean(self) -> int:
+        """Return the number of frames within `MEAN_US`, three at least, fewer only when no more are known."""
+        since_us = self._past[-1].exposed_at_us - MEAN_US
+        recent = sum(1 for _ in takewhile(lambda seen: seen.exposed_at_us >= since_us, reversed(self._past)))
+        return min(max(recent, LEAST_FRAMES), len(self._past))
 
-    def _travel_mm(self) -> Array:
-        """Return the contact's travel (3,) over the skin within the window."""
+    def _travel_mm(self, count: int) -> Array:
+        """Return the travel (3,) over the skin within the window, between means of `count` frames."""
         places = [seen.position_mm for seen in self._past]
-        if len(places) < 2 * END_FRAMES:
+        if len(places) < 2 * max(count, LEAST_FRAMES):
             return np.zeros(3)
-        return np.asarray(np.mean(places[-END_FRAMES:], axis=0) - np.mean(places[:END_FRAMES], axis=0))
+        return np.asarray(np.mean(places[-count:], axis=0) - np.mean(places[:count], axis=0))

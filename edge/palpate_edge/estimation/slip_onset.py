@@ -9,9 +9,9 @@ higher power.
 
 The corner is found in the mean motion of all beads, which is more exact than a load. Onset is a steady
 growth for three intervals, after which the skin moves less than at 0.4 of its speed, and less than if it went
-on to slow down evenly. The load has to confirm it: it has grown too, and faster than by a weight that is
-lifted. A push that begins abruptly has no steady growth before its corner, so it is no onset; neither is the
-slip that such a push causes (docs/calibrating.md).
+on to slow down evenly. The load has to confirm it: it has grown too, faster than by a weight that is lifted,
+and under a normal force that hardly changes. A push that begins abruptly has no steady growth before its
+corner, so it is no onset; neither is the slip that such a push causes (docs/calibrating.md).
 
 The same holds for balls and flat faces. A flat face that twists slides at its rim first, so its torsion ends
 without a corner. The load at the corner is a measurement of the coefficient of friction.
@@ -39,11 +39,14 @@ INTERVALS = (1, 2, 3, 4)
 """Frames of an interval. More would take the turn of shear that is moved to and fro for a corner."""
 LEAST_NORMAL_N = 0.2
 LEAST_LOAD = 0.25
-LEAST_GROWTH = 0.08
+LEAST_GROWTH = 0.1
 """Growth of the load, which the noise of loads does not reach."""
-LEAST_BEND = 12.0
+LEAST_BEND = 20.0
 """Growth of the load over the square of an interval, 1/s^2; a weight that is lifted in 1 s has up to 5."""
 LARGEST_NORMAL_CHANGE = 0.05
+"""Of the normal force after the corner."""
+LARGEST_NORMAL_GROWTH = 0.15
+"""Change of the normal force in the three intervals before; a push from aside changes both forces."""
 STEADY = (0.7, 1.5)
 """Growth in the first interval over that in the second; more or less belongs to an abrupt push."""
 LEAST_BEFORE = 0.7
@@ -140,7 +143,7 @@ def _is_corner(frames: LoadHistory, corner: int, interval: int) -> bool:
 
 
 def _load_grew(frames: LoadHistory, corner: int, interval: int) -> bool:
-    """Return whether the load grew up to the corner, under a normal force that stays."""
+    """Return whether the load grew up to the corner, under a normal force that stays before and after."""
     lasted_s = 1e-6 * (frames[corner].exposed_at_us - frames[corner - interval].exposed_at_us)
     load = _mean([one.load for one in frames[corner:]])
     before = _mean([one.load for one in frames[corner - 2 * interval : corner - interval]])
@@ -148,8 +151,10 @@ def _load_grew(frames: LoadHistory, corner: int, interval: int) -> bool:
     normal_N = [one.normal_N for one in frames[corner - interval :]]
     until, since = normal_N[: interval + 1], normal_N[interval:]
     change = sum(since) / len(since) / (sum(until) / len(until)) - 1.0
+    grown = frames[corner].normal_N / frames[corner - 3 * interval].normal_N - 1.0
+    is_steady = abs(change) < LARGEST_NORMAL_CHANGE and abs(grown) <= LARGEST_NORMAL_GROWTH
     least_growth = max(LEAST_GROWTH, LEAST_BEND * lasted_s**2)
-    return growth > least_growth * size and abs(change) < LARGEST_NORMAL_CHANGE
+    return growth > least_growth * size and is_steady
 
 
 def _mean(loads: Sequence[Load]) -> tuple[float, ...]:

@@ -387,7 +387,7 @@ def test_a_scan_waits_for_a_slow_node_as_long_as_it_is_allowed(hub, foreign_node
         threading.Timer(0.35, send, (cob_id, data)).start()
 
     node.network.send = send_later
-    (found,) = map(json.loads, run(hub, "scan", "--json", "--no-lss", "--timeout", 1).output.splitlines())
+    (found,) = map(json.loads, run(hub, "scan", "--json", "--no-lss", "--timeout", 2).output.splitlines())
     assert (found["name"], found["serial"]) == ("a foreign device", 0x2A)
 
 

@@ -66,6 +66,26 @@ def test_what_rolled_before_the_load_rose_is_no_slip():
     assert said[-1]
 
 
+def at_120_fps(contacts):
+    return [replace(one, exposed_at_us=one.sequence * 8333) for one in contacts]
+
+
+def test_a_load_near_the_limit_while_an_object_rolls_is_no_slip():
+    """A turn rolls 4 mm in 1 s under a ratio of 0.43, then stands still while the ratio rises to 0.47."""
+    rolled_mm = [min(4.0 * n / 120, 4.0) for n in range(180)]
+    ratio = [0.43 if n < 120 else 0.47 for n in range(180)]
+    contacts = [contact(n, 0.3 + rolled_mm[n] / 30, 2.0 * ratio[n]) for n in range(180)]
+    assert not any(slips(at_120_fps(contacts)))
+
+
+@pytest.mark.parametrize(("pushed_frames", "slides"), [(6, False), (60, True)])
+def test_a_push_that_reaches_the_limit_for_50_ms_while_an_object_rolls_is_no_slip(pushed_frames, slides):
+    """4 mm/s under a ratio of 0.42 and, while it is pushed, 0.47. In 0.5 s it travels 2 mm."""
+    ratio = [0.47 if 120 <= n < 120 + pushed_frames else 0.42 for n in range(240)]
+    contacts = [contact(n, 0.3 + 4.0 * n / 120 / 30, 2.0 * ratio[n]) for n in range(240)]
+    assert any(slips(at_120_fps(contacts))) is slides
+
+
 def test_a_contact_that_stays_sticks_whatever_the_shear():
     assert not any(slips(contact(n, 0.3, 0.02 * n, noise_mm=0.1) for n in range(200)))
 

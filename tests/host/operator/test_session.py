@@ -157,7 +157,7 @@ def test_check_tells_whether_the_bus_is_the_hand_of_the_file(config, tmp_path):
     """As it is: exit status 0. A drive and a fingertip exchanged, and a node that is not there: 1, named."""
 
     def check(path):
-        command = [*CLI, "check", "--config", str(path), "--timeout", "2"]
+        command = [*CLI, "check", "--config", str(path), "--timeout", "3"]
         command += ["--picture", str(tmp_path / "hand.png")]
         return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
