@@ -83,14 +83,14 @@ class SlipDetector:
         return float(travel @ tangential) >= MIN_COSINE * travel_mm * tangential_N
 
     def _frames_of_a_mean(self) -> int:
-        """Return the number of frames within `MEAN_US`, three at least, fewer only when no more are known."""
+        """Return the number of the last frames within `MEAN_US`, at least `LEAST_FRAMES`, known or not."""
         since_us = self._past[-1].exposed_at_us - MEAN_US
         recent = sum(1 for _ in takewhile(lambda seen: seen.exposed_at_us >= since_us, reversed(self._past)))
-        return min(max(recent, LEAST_FRAMES), len(self._past))
+        return max(recent, LEAST_FRAMES)
 
     def _travel_mm(self, count: int) -> Array:
         """Return the travel (3,) over the skin within the window, between means of `count` frames."""
         places = [seen.position_mm for seen in self._past]
-        if len(places) < 2 * max(count, LEAST_FRAMES):
+        if len(places) < 2 * count:
             return np.zeros(3)
         return np.asarray(np.mean(places[-count:], axis=0) - np.mean(places[:count], axis=0))

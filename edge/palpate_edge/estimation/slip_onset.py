@@ -44,9 +44,10 @@ LEAST_GROWTH = 0.1
 LEAST_BEND = 20.0
 """Growth of the load over the square of an interval, 1/s^2; a weight that is lifted in 1 s has up to 5."""
 LARGEST_NORMAL_CHANGE = 0.05
-"""Of the normal force after the corner."""
+"""Largest relative change of the normal force after the corner."""
 LARGEST_NORMAL_GROWTH = 0.15
-"""Change of the normal force in the three intervals before; a push from aside changes both forces."""
+"""Largest relative change of the normal force in the three intervals before the corner; a push at an angle
+changes both forces."""
 STEADY = (0.7, 1.5)
 """Growth in the first interval over that in the second; more or less belongs to an abrupt push."""
 LEAST_BEFORE = 0.7

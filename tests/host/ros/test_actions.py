@@ -86,13 +86,13 @@ def test_a_refused_goal_has_its_reason_on_the_topic_response(
     client.result(client.send("grasp"))  # ends the turn with which the twin begins
     cube = [Point(x=x, y=y, z=z) for x in (-0.02, 0.02) for y in (-0.02, 0.02) for z in (0.08, 0.12)]
     far = PoseStamped(pose=Pose(position=Point(x=0.5), orientation=Quaternion(w=1.0)))
+    wait_for(lambda: client.refusals, "the last response")
     for name, fields, reason in (
         ("move", {"pose": far}, "move: move is refused: 500.0 mm from where the hold began"),
         ("reorient", {"rpy": Vector3(z=1.5), "corners": cube}, FOUR_FINGERS),
         ("turn", {"tolerance": -1.0}, "turn: tolerance = -1 is not within 0 and 3.14159"),
         ("turn", {"duration": math.nan}, "turn: duration = nan is not within 0 and 600"),
     ):
-        wait_for(lambda: client.refusals, "the last response")
         before = len(client.refusals)
         assert not client.send(name, **fields).accepted
         wait_for(lambda: len(client.refusals) > before, "the reason")  # noqa: B023 - called at once
