@@ -70,8 +70,6 @@ class SlipDetector:
             while len(self._past) > count:
                 self._past.popleft()
             return False  # most contacts end here, before anything slower
-        if ratio < MIN_FORCE_RATIO:
-            return False
         outward = np.array(position) / math.hypot(*position)
         tangential = np.array(force) + normal_N * outward
         tangential_N = float(np.linalg.norm(tangential))

@@ -63,7 +63,12 @@ class Manipulation:
         if control.law is ControlLaw.POSE:
             self.pose_law = PoseLaw(control, config.pose_law, self.gains, len(config.fingers))
             integral_per_s = 0.0  # the law has its own
-        self._ramp = TurnRamp(config.target.rpy_deg, config.target.ramp_s, integral_per_s)
+        self._ramp = TurnRamp(
+            config.target.rpy_deg,
+            config.target.ramp_s,
+            integral_per_s,
+            is_eased=control.law is ControlLaw.POSE,
+        )
         self.friction = GripFriction(config.pose_law, len(config.fingers), self.gains.tip_radius_m)
         self._settle_s, self._grasped_s = control.settle_ms * 1e-3, 0.0
         self._law_M: Array | None = None
@@ -192,7 +197,7 @@ class Manipulation:
 
     @property
     def turned(self) -> float:
-        """The share of the ramp that has passed, 0 to 1."""
+        """The share of the turn that is desired by now, 0 to 1."""
         return self._ramp.share
 
     @property

@@ -241,7 +241,8 @@ def held(
 
     The first place is the target; a move leads it away within ramp_s.
     """
-    led = np.clip((time_s - time_s[0]) / ramp_s, 0.0, 1.0) if ramp_s > 0.0 else np.ones(len(time_s))
+    passed = np.clip((time_s - time_s[0]) / ramp_s, 0.0, 1.0) if ramp_s > 0.0 else np.ones(len(time_s))
+    led = passed**2 * (3.0 - 2.0 * passed)  # the pose law's ramp, which starts and ends at rest
     target_m = place_m[0] + led[:, None] * 1e-3 * np.array(case.trial.xyz_mm)
     moved_mm = 1e3 * np.linalg.norm(place_m - target_m, axis=1)
     later = int(np.searchsorted(time_s, FIRST_S + PUSH_S + RECOVERY_S - 1e-6))

@@ -66,6 +66,12 @@ def test_what_rolled_before_the_load_rose_is_no_slip():
     assert said[-1]
 
 
+def test_a_slide_is_flagged_through_frames_whose_force_reads_too_low():
+    """3 mm/s under a ratio of 0.6, of which every tenth frame reads 0.3."""
+    across_N = [0.6 if number % 10 == 9 else 1.2 for number in range(60)]
+    assert all(slips(contact(n, 0.3 + 0.1 * n / 30, across_N[n]) for n in range(60))[20:])
+
+
 def at_120_fps(contacts):
     return [replace(one, exposed_at_us=one.sequence * 8333) for one in contacts]
 

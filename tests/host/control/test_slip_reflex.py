@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from palpate_host.common.mode import Mode
 from palpate_host.common.tip_contact import TipContact
@@ -174,14 +175,19 @@ def test_a_turn_goes_back_to_where_friction_holds(wide):
     hold = Hold(wide, rpy_deg=(0.0, 20.0, 0.0))
 
     def ticks(count, reserve=None):
-        """Tick with this friction beyond what the internal forces use; None: without a slip."""
+        """Tick with this friction beyond what the internal forces use; None: without a slip.
+
+        Returns the share of the ramp's time that has passed.
+        """
         for _ in range(count):
             used = hold.control.friction.tips[0].friction - hold.control.pose_law.reserve
             gap = 0.0 if reserve is None else 0.4 - used - reserve
             hold.control.friction.tips = [TipFriction(0.4, gap=gap, slips=20)] * 3
             hold.tick()
-        return hold.control.turned
+        return float(np.interp(hold.control.turned, turned, passed))
 
+    passed = np.linspace(0.0, 1.0, 10_001)
+    turned = CubicHermiteSpline([0.0, 1.0], [0.0, 1.0], [0.0, 0.0])(passed)
     assert ticks(100) == pytest.approx(0.5, abs=0.02)
     assert ticks(50, -0.01) == pytest.approx(0.25, abs=0.02)
     assert hold_status(hold.control).turn_waits

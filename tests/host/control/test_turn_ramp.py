@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
-from palpate_host.control.turn_ramp import TurnRamp, target_step
+from palpate_host.control.turn_ramp import TurnRamp
 
 R_VIR = Rotation.from_euler("xyz", [20, -10, 40], degrees=True).as_matrix()
 M = Rotation.from_euler("xyz", [-5, 15, 8], degrees=True).as_matrix()
@@ -21,9 +22,27 @@ def turned_deg(ramp):
 def test_target_ramps_along_one_axis():
     full = Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
     for share in (0.0, 0.25, 1.0, 2.0):
-        step = Rotation.from_matrix(target_step(full.as_rotvec(), share * 2.0, 2.0))
-        np.testing.assert_allclose(step.as_rotvec(), min(1.0, share) * full.as_rotvec(), atol=1e-9)
-    np.testing.assert_allclose(target_step(full.as_rotvec(), 0.0, 0.0), full.as_matrix(), atol=1e-9)
+        ramp = TurnRamp((10.0, 20.0, 30.0), 2.0, 0.0)
+        ramp.advance(R_VIR, M, share * 2.0)
+        np.testing.assert_allclose(
+            np.radians(turned_deg(ramp)), min(1.0, share) * full.as_rotvec(), atol=1e-9
+        )
+    at_once = TurnRamp((10.0, 20.0, 30.0), 0.0, 0.0)
+    at_once.advance(R_VIR, M, 0.0)
+    np.testing.assert_allclose(at_once.R_d @ R_C.T, full.as_matrix(), atol=1e-9)
+
+
+def test_an_eased_ramp_is_the_cubic_that_starts_and_ends_at_rest():
+    ramp, ticks = TurnRamp((0.0, 0.0, 30.0), 2.0, 0.0, is_eased=True), 200
+    turned = [0.0]
+    for _ in range(ticks):
+        ramp.advance(R_VIR, M, 2.0 / ticks)
+        turned.append(turned_deg(ramp)[2])
+    cubic = CubicHermiteSpline([0.0, 2.0], [0.0, 30.0], [0.0, 0.0])
+    np.testing.assert_allclose(turned, cubic(np.linspace(0.0, 2.0, ticks + 1)), atol=1e-9)
+    assert ramp.share == 1.0
+    ramp.advance(R_VIR, M, -1.0)
+    np.testing.assert_allclose(turned_deg(ramp), [0.0, 0.0, 15.0], atol=1e-9)
 
 
 def test_a_ramp_runs_back_and_not_beyond_its_start():

@@ -46,6 +46,19 @@ def test_contacts_from_frames_hold_the_object(sensors, name, on_the_way_mm, at_t
     assert held.slip_mm < slip_mm
 
 
+@pytest.mark.slow
+def test_a_finger_whose_contacts_are_far_off_does_not_turn_the_object(tmp_path):
+    """These sensors' second finger is 1.5 mm off near its apex, with a 95 % radius of 0.6 mm."""
+    trial = replace(BASE, seed=7)
+    make_sensors(tmp_path, hand_reader.load(HAND), trial.seed, lambda _text: None)
+    for case in shake_cases(trial, 1):
+        if case.name in ("roll 30 deg", "move 10 mm along z"):
+            held = run_in_chain(HAND, case, tmp_path)
+            assert held.error_deg < 0.5
+            assert held.moved_last_mm < 0.5
+            assert held.slip_mm < 0.2
+
+
 def test_only_the_pose_law_moves_an_object():
     names = [case.name for case in shake_cases(BASE, 1)]
     assert [name for name in names if name.startswith("move")] == [f"move 10 mm along {a}" for a in "xyz"]

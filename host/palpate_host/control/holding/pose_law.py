@@ -61,6 +61,7 @@ class PoseLaw:
     def __init__(self, control: ControlConfig, pose_law: PoseLawConfig, gains: Gains, fingers: int) -> None:
         self._control, self._config, self._gains = control, pose_law, gains
         self._seen: list[list[Array]] = [[] for _ in range(fingers)]
+        self._seen95_rad = [0.0] * fingers
         self._was_released = [False] * fingers
         self._exposed_us = [0] * fingers
         self._object: VirtualObject | None = None
@@ -138,6 +139,7 @@ class PoseLaw:
         seen = self._seen[finger]
         seen.append(R_vir.T @ normal)
         del seen[: -self._control.reference_frames]
+        self._seen95_rad[finger] = radius95_rad
         since_s = min(FRAME_S, max(0, exposed_us - self._exposed_us[finger]) * 1e-6)
         self._exposed_us[finger] = exposed_us
         if self._object is None:
@@ -148,7 +150,7 @@ class PoseLaw:
             residual_rad = math.radians(self._object.residual_deg)
             self.uncertainty = self.uncertainty.after_normal(residual_rad)
         if not is_believed and self._was_released[finger]:
-            self._object.touch_elsewhere(finger, normal)
+            self._object.touch_elsewhere(finger, normal, radius95_rad)
         self._was_released[finger] = False
 
     def release(self, finger: int) -> None:
@@ -170,7 +172,7 @@ class PoseLaw:
         pull_N = np.linalg.norm(grasp_force_N(pose.tip_centre_m, self._gains), axis=1)
         self.grip_N = self._least_grip_N = float(pull_N.mean())
         radius_m = self._radius_m([self.grip_N] * len(normal))
-        self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg)
+        self._object = VirtualObject(pose, normal, R, radius_m, self._config.doubt_deg, self._seen95_rad)
         self._object.place_m = self._object.place_m + 1e-3 * np.array(self._config.object_centre_mm)
         self._twist = np.zeros(6)
         self.renew_stiffness(pose, dt_s)

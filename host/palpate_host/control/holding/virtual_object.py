@@ -12,7 +12,11 @@ The integral of w_o drifts where tips slip or joint angles are wrong. Each measu
 therefore turns R towards it. As Eq. (15) does, it is compared with the estimate at its own exposure, which is
 kept for the last half second; the same small rotation is applied to all later estimates. The error of a
 contact depends on its place on the dome, so that no average removes it, while rolling tips are known well: a
-normal therefore corrects by the angle beyond its own 95 % radius alone, where the fingertip gives one.
+normal therefore corrects by the angle alone that is beyond the 95 % radius of both, its own and that of the
+normal which it is compared with, where the fingertip gives them. The two errors are of different places and
+thus independent: the radius is the root of the sum of their squares. One contact in twenty is beyond its
+radius, and stays there. Where an object has turned, other fingers see it, too, but for the part about their
+own normals: a normal corrects only if another one shows at least `CONFIRMED` of the same turn.
 Contacts on flat faces give no position along the faces: there the estimate of x_o is the integral alone.
 """
 
@@ -27,12 +31,16 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
-from palpate_host.common.rows import Row, cross
+from palpate_host.common.rows import ZERO, Row, cross
 from palpate_host.control.kinematics import HandPose
 
 KEPT = 128
 """Number of earlier estimates kept for late contacts."""
 KEEP_EVERY_S = 0.004
+CONFIRMED = 0.5
+"""Share of a turn that another finger must show: 1 without errors, 0 on the average where it is none."""
+LEAST_SEEN = 0.2
+"""Share of a turn's square that a finger must be able to see: the part that is not about its own normal."""
 
 
 class Grip(NamedTuple):
@@ -64,15 +72,26 @@ class VirtualObject:
     residual_deg: angle of the last normal from the expected one. doubted: number of normals left out.
     """
 
-    def __init__(self, pose: HandPose, normal: Array, R: Array, radius_m: Array, doubt_deg: float) -> None:
+    def __init__(
+        self,
+        pose: HandPose,
+        normal: Array,
+        R: Array,
+        radius_m: Array,
+        doubt_deg: float,
+        normal95_rad: Sequence[float] = (),
+    ) -> None:
         """Start at the contacts' centroid, which moves with the object from then on.
 
         normal: (n, 3) outward unit normals d_i at the contacts, in the hand's frame. R: the object's
         orientation. radius_m: (n,) distance of each tip's centre from its contact. doubt_deg: a normal
-        further than this from the expected one is left out.
+        further than this from the expected one is left out. normal95_rad: the normals' 95 % radii; empty:
+        not known.
         """
         self.R = R
         self._normal_in_object = normal @ R
+        self._reference95_rad = list(normal95_rad) or [0.0] * len(normal)
+        self._turn_rad = [ZERO] * len(normal)
         self._radius_m = radius_m[:, None]
         self._centre_m, self._tip_rotation = pose.tip_centre_m, pose.tip_rotation
         self.grip = grip_of(pose.tip_centre_m, normal, self._radius_m)
@@ -115,8 +134,9 @@ class VirtualObject:
     ) -> bool:
         """Turn the estimates by `share` of the angle to a measured outward normal (3,) at its exposure.
 
-        radius95_rad: the normal's 95 % radius; only the angle beyond it counts. Return False for a normal in
-        doubt; it changes nothing.
+        radius95_rad: the normal's 95 % radius, 0 where it is not known; only the angle counts that is beyond
+        it and the reference's, and that another finger confirms. Return False for a normal in doubt; it
+        changes nothing.
         """
         then = int(np.argmin(((self._kept_q - exposure_pose.q_rad) ** 2).sum(axis=1)))
         expected = self._kept_R[then].dot(self._normal_in_object[finger])
@@ -126,20 +146,37 @@ class VirtualObject:
         if angle > self._doubt_rad:
             self.doubted += 1
             return False
-        if angle <= radius95_rad:
+        beyond_rad = angle - math.hypot(radius95_rad, self._reference95_rad[finger])
+        self._turn_rad[finger] = turn.tolist()
+        if beyond_rad <= 0.0 or (radius95_rad > 0.0 and not self._is_confirmed(finger)):
             return True
-        small = rotation.exp(share * (1.0 - radius95_rad / angle) * turn)
+        small = rotation.exp(share * beyond_rad / angle * turn)
         self.R = small.dot(self.R)
         self._kept_R = np.matmul(small, self._kept_R)
         return True
 
-    def touch_elsewhere(self, finger: int, normal: Array) -> None:
+    def _is_confirmed(self, finger: int) -> bool:
+        """Return whether another finger's last normal shows the turn that this one's does."""
+        x, y, z = self._turn_rad[finger]
+        squared = x * x + y * y + z * z
+        shown = zip(self._turn_rad, self.grip.normal.tolist(), strict=True)
+        for other, ((ox, oy, oz), (nx, ny, nz)) in enumerate(shown):
+            visible = squared - (x * nx + y * ny + z * nz) ** 2
+            if other == finger or visible < LEAST_SEEN * squared:
+                continue
+            if x * ox + y * oy + z * oz >= CONFIRMED * visible:
+                return True
+        return False
+
+    def touch_elsewhere(self, finger: int, normal: Array, radius95_rad: float = 0.0) -> None:
         """Take a new reference for a finger that touches another face; its normal (3,) is outward."""
         self._normal_in_object[finger] = normal @ self.R
+        self._reference95_rad[finger] = radius95_rad
 
     def take_face(self, finger: int, normal_in_object: Array) -> None:
         """Take the outward normal (3,) of the face that a finger is going to touch, in the object's frame."""
         self._normal_in_object[finger] = normal_in_object
+        self._reference95_rad[finger] = 0.0
 
     def set_share(self, share: Array) -> None:
         """Set the share (n,) of each contact in the grip and in the estimate; 0 for a lifted finger."""

@@ -95,15 +95,68 @@ def test_a_normal_in_doubt_changes_nothing():
     np.testing.assert_allclose(found.R, np.eye(3), atol=1e-12)
 
 
+def turned_deg(found):
+    return Rotation.from_matrix(found.R).as_rotvec(degrees=True)
+
+
+def seen(finger, angle_deg, axis=(0.0, 0.0, 1.0)):
+    """One finger's normal after a turn about an axis of unit length."""
+    turn = Rotation.from_rotvec(np.radians(angle_deg) * np.asarray(axis))
+    return turn.apply(NORMAL_IN_OBJECT[finger])
+
+
 def test_a_normal_corrects_by_the_angle_beyond_its_own_radius():
     """A normal 1 deg away with a radius of 0.4 deg turns by half of 0.6 deg; with 1.1 deg not at all."""
     _, centres = rolling(0.01)
     pose = pose_at(0.0, centres[0])
-    seen = Rotation.from_euler("z", 1.0, degrees=True).apply(NORMAL_IN_OBJECT[0])
     found = object_at(pose)
-    assert found.correct(0, seen, pose, 0.5, np.radians(1.1))
+    for finger in range(2):
+        assert found.correct(finger, seen(finger, 1.0), pose, 0.5, np.radians(1.1))
+        np.testing.assert_array_equal(found.R, np.eye(3))
+        assert found.residual_deg == pytest.approx(1.0)
+    assert found.correct(0, seen(0, 1.0), pose, 0.5, np.radians(0.4))
+    np.testing.assert_allclose(turned_deg(found), [0.0, 0.0, 0.3], atol=1e-4)
+
+
+def test_the_radius_of_the_reference_counts_as_well():
+    """Radii of 0.3 and 0.4 deg are 0.5 deg together; a face that is taken has none, another one its own."""
+    _, centres = rolling(0.01)
+    pose = pose_at(0.0, centres[0])
+    reference_rad = np.radians([0.3, 0.0, 0.0])
+
+    def corrected(take=lambda _found: None):
+        found = VirtualObject(pose, NORMAL_IN_OBJECT, np.eye(3), RADIUS_M, 8.0, list(reference_rad))
+        take(found)
+        assert found.correct(1, seen(1, 1.0), pose, 0.5, np.radians(1.1))
+        assert found.correct(0, seen(0, 1.0), pose, 0.5, np.radians(0.4))
+        return turned_deg(found)[2]
+
+    assert corrected() == pytest.approx(0.5 * (1.0 - 0.5), abs=1e-4)
+    taken = corrected(lambda found: found.take_face(0, NORMAL_IN_OBJECT[0]))
+    assert taken == pytest.approx(0.5 * (1.0 - 0.4), abs=1e-4)
+    touched = corrected(lambda found: found.touch_elsewhere(0, NORMAL_IN_OBJECT[0], np.radians(0.8)))
+    assert touched == pytest.approx(0.5 * (1.0 - np.hypot(0.4, 0.8)), abs=1e-4)
+
+
+@pytest.mark.parametrize(("shown_deg", "is_confirmed"), [(0.0, False), (0.98, False), (1.02, True)])
+def test_another_finger_shows_half_of_the_turn_or_none_counts(shown_deg, is_confirmed):
+    """Without a radius a normal needs no other finger."""
+    _, centres = rolling(0.01)
+    pose = pose_at(0.0, centres[0])
+    found = object_at(pose)
+    assert found.correct(1, seen(1, shown_deg), pose, 0.5, np.radians(1.5))
+    assert found.correct(0, seen(0, 2.0), pose, 0.5, np.radians(1.0))
+    np.testing.assert_allclose(turned_deg(found)[2], 0.5 if is_confirmed else 0.0, atol=1e-3)
+    alone = object_at(pose)
+    assert alone.correct(0, seen(0, 2.0), pose, 0.5)
+    np.testing.assert_allclose(turned_deg(alone)[2], 1.0, atol=1e-3)
+
+
+def test_a_finger_confirms_no_turn_about_its_own_normal():
+    _, centres = rolling(0.01)
+    pose = pose_at(0.0, centres[0])
+    found = object_at(pose)
+    axis = NORMAL_IN_OBJECT[1]
+    assert found.correct(1, seen(1, 2.0, axis), pose, 0.5, np.radians(0.1))
+    assert found.correct(0, seen(0, 2.0, axis), pose, 0.5, np.radians(0.1))
     np.testing.assert_array_equal(found.R, np.eye(3))
-    assert found.residual_deg == pytest.approx(1.0)
-    assert found.correct(0, seen, pose, 0.5, np.radians(0.4))
-    turned_deg = Rotation.from_matrix(found.R).as_rotvec(degrees=True)
-    np.testing.assert_allclose(turned_deg, [0.0, 0.0, 0.3], atol=1e-4)
