@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.atomic_write import write_atomically
-from palpate_edge.common.config_file import json_fault
+from palpate_edge.common.config_file import decoder_of, json_fault
 from palpate_edge.common.errors import CalibrationError, reason_of
 from palpate_edge.common.type_text import value_text
 from palpate_edge.estimation.calibration import FORMAT, VERSION, Calibration
@@ -41,7 +41,7 @@ def load_calibration(path: Path) -> Calibration:
     """Read and check a calibration file. Raises CalibrationError with the file, the fault and the way out."""
     data = read_calibration_bytes(path)
     try:
-        calibration = msgspec.json.decode(data, type=Calibration)
+        calibration = decoder_of(Calibration).decode(data)
     except (msgspec.DecodeError, ValueError, RecursionError):
         _check_version(data, path)
         raise CalibrationError(f"{path}: {json_fault(data, Calibration)}; {AGAIN}") from None
@@ -62,7 +62,7 @@ def read_calibration_bytes(path: Path) -> bytes:
 def _check_version(data: bytes, path: Path) -> None:
     """Refuse a file of another program or version; a damaged one is left to the caller."""
     try:
-        head = msgspec.json.decode(data, type=FileHead)
+        head = decoder_of(FileHead).decode(data)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return
     if head.format == POSE_FORMAT:

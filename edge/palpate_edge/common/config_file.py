@@ -9,6 +9,7 @@ import json
 import math
 import re
 import stat
+import threading
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from palpate_edge.common.type_text import key_text
 
 T = TypeVar("T")
 
+_preparing = threading.Lock()
 _TOML_PLACE = re.compile(r"(?s)(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
@@ -74,6 +76,7 @@ def parse_toml(
     not_a_number = next(_nan_keys(plain, ()), None)
     if not_a_number is not None:
         raise error(f"{path}: {key_text(not_a_number)} = nan is not a number; {guide}")
+    decoder_of(kind)  # `convert` prepares the type as well
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError:
@@ -99,9 +102,19 @@ def decode_json(
 ) -> T:
     """Return JSON text as a `kind`. Raises `error` with `where`, the fault and the `guide`."""
     try:
-        return msgspec.json.decode(data, type=kind)
+        return decoder_of(kind).decode(data)
     except (msgspec.DecodeError, ValueError, RecursionError):
         raise error(f"{where}: {json_fault(data, kind)}; {guide}") from None
+
+
+def decoder_of(kind: type[T]) -> msgspec.json.Decoder[T]:
+    """Return the decoder of JSON text for a type; any thread may ask.
+
+    msgspec (0.22) prepares a struct type when it first meets it. Of two threads that do so at once one reads
+    a table that is not finished, and the process ends: here they wait for each other.
+    """
+    with _preparing:
+        return msgspec.json.Decoder(kind)
 
 
 def json_fault(data: bytes, kind: Any) -> str:
