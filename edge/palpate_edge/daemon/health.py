@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from palpate_edge.common.atomic_write import write_atomically
+from palpate_edge.common.config_file import decoder_of
 from palpate_edge.common.errors import ConfigError
 
 STALE_AFTER_S = 5.0
@@ -198,7 +199,7 @@ def read_health(name: str, configured: str, now_s: float) -> HealthReport | None
         paths.append(SYSTEM_FOLDER / f"palpate-{name}.json")
     for path in paths:
         try:
-            report = msgspec.json.decode(path.read_bytes(), type=HealthReport)
+            report = decoder_of(HealthReport).decode(path.read_bytes())
         except (OSError, msgspec.DecodeError):  # none there, or of another version
             continue
         if 0 <= now_s - report.written_at <= STALE_AFTER_S:

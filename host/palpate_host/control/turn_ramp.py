@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation
+from palpate_host.common.easing import eased
 from palpate_host.control.virtual_frame import desired_virtual_frame
 
 TRIM_LIMIT_RAD = math.radians(15.0)
@@ -87,11 +88,3 @@ class TurnRamp:
         """Return the integral of the remaining turn as a rotation vector (3,) of bounded length."""
         trim = self._trim_rad + self._integral_per_s * dt_s * rotation.log(remaining)
         return np.asarray(trim * min(1.0, TRIM_LIMIT_RAD / max(TRIM_LIMIT_RAD, float(np.linalg.norm(trim)))))
-
-
-def eased(passed: float) -> float:
-    """Return the share of a way from rest to rest after this share of its time, both from 0 to 1.
-
-    The cubic of Lynch and Park, Modern Robotics, 2017, section 9.2.2: 1.5 times as fast in the middle.
-    """
-    return passed * passed * (3.0 - 2.0 * passed)

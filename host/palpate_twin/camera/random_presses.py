@@ -10,6 +10,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.jig.jig_plan import Hole
+from palpate_host.common.easing import eased
 from palpate_twin.camera.deformation import DeformableDome, ProbePress
 from palpate_twin.dome.probe import Probe
 
@@ -99,7 +100,7 @@ def moving_press(
         return None
     progress = float(np.clip((phase - DOWN) / (HOLD - DOWN), 0, 1))  # of the hold phase
     rise = (phase - REST) / (DOWN - REST) if phase < DOWN else (1 - phase) / (1 - HOLD)
-    part = _smooth(min(rise, 1.0))
+    part = eased(min(rise, 1.0))
     theta = float(np.clip(target.theta_rad + progress * roll[0], 0, np.radians(MOST_THETA_DEG)))
     azimuth = target.azimuth_rad + progress * roll[1] / max(np.sin(target.theta_rad), 0.2)
     depth_mm = part * min(target.depth_mm, dome.largest_depth_mm(theta, target.probe))
@@ -112,8 +113,3 @@ def moving_press(
         largest_rad = dome.largest_twist_rad(depth_mm, target.probe)
         twist_rad = float(np.clip(twist_rad, -largest_rad, largest_rad))
     return ProbePress(theta, azimuth, depth_mm, (slide * along, slide * across), target.probe, twist_rad)
-
-
-def _smooth(part: float) -> float:
-    """Return the smoothstep of 0 to 1, with zero slope at both ends."""
-    return part * part * (3 - 2 * part)

@@ -17,6 +17,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common.command import Move
+from palpate_host.common.easing import eased
 from palpate_host.common.mode import Mode
 from palpate_host.config import hand_reader
 from palpate_host.config.control_config import ControlLaw
@@ -242,8 +243,7 @@ def held(
     The first place is the target; a move leads it away within ramp_s.
     """
     passed = np.clip((time_s - time_s[0]) / ramp_s, 0.0, 1.0) if ramp_s > 0.0 else np.ones(len(time_s))
-    led = passed**2 * (3.0 - 2.0 * passed)  # the pose law's ramp, which starts and ends at rest
-    target_m = place_m[0] + led[:, None] * 1e-3 * np.array(case.trial.xyz_mm)
+    target_m = place_m[0] + eased(passed)[:, None] * 1e-3 * np.array(case.trial.xyz_mm)
     moved_mm = 1e3 * np.linalg.norm(place_m - target_m, axis=1)
     later = int(np.searchsorted(time_s, FIRST_S + PUSH_S + RECOVERY_S - 1e-6))
     has_later = case.is_push and later < len(moved_mm)

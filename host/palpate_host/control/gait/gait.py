@@ -26,6 +26,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_host.common import rotation, symmetric
+from palpate_host.common.easing import eased
 from palpate_host.common.gait_plan import GaitPlan, Regrasp, TurnTo
 from palpate_host.control.gains import Gains
 from palpate_host.control.holding.pose_law import PoseLaw
@@ -198,7 +199,7 @@ class Gait:
     def _progress(self) -> float:
         """The smooth part of the phase that has passed, 0 to 1."""
         passed = 1.0 if self._duration_s <= 0.0 else min(1.0, self._since_s / self._duration_s)
-        return passed * passed * (3.0 - 2.0 * passed)
+        return eased(passed)
 
     def _shift_share(self, to: Array) -> float:
         """Lead the shares towards `to` within SHIFT_S of the phase; return the part that has passed."""
