@@ -183,14 +183,20 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measur
 
 
 def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
-    """Return the dome model as this sensor shows it, where its own presses are too few to teach the rest."""
-    from palpate_edge.calibration.seen_presses import seen_by  # noqa: PLC0415 - extra `train`
+    """Return the dome model as this sensor shows it; where its own presses teach too, beside other sensors.
+
+    With inexact beads the other sensors alone are the better basis of own presses.
+    """
+    from palpate_edge.calibration.seen_presses import also_seen_by, seen_by  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
+    from palpate_edge.calibration.training.typical_contacts import LEAST_NOISE_PX  # noqa: PLC0415
 
-    if len(training_presses(measured)) >= FEWEST_PRESSES:
+    is_taught = len(training_presses(measured)) >= FEWEST_PRESSES
+    if is_taught and measured.bead_noise_px >= LEAST_NOISE_PX:
         return dome
-    return seen_by(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
+    seen = also_seen_by if is_taught else seen_by
+    return seen(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
 
 
 def _adjusted(

@@ -35,7 +35,30 @@ def seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeMode
         return dome
     presses = _presses(reader, view, dome.solid, dome.markers_radius_mm)
     samples = make_samples(reader, presses, copies=1, vary_all=True)
-    return replace(dome, fields=samples.fields, directions=samples.directions, forces=samples.forces_N)
+    return replace(
+        dome,
+        fields=samples.fields,
+        directions=samples.directions,
+        forces=samples.forces_N,
+        seen=len(samples.fields),
+    )
+
+
+def also_seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeModel:
+    """Return the dome model with its presses in three dimensions, as the sensor shows them, after the others.
+
+    With presses of the sensor itself both are better than one: 300 presses are few, the others are of other
+    cameras. Unchanged without solid presses.
+    """
+    shown = seen_by(reader, view, dome)
+    if not shown.seen:
+        return dome
+    return replace(
+        shown,
+        fields=np.concatenate([dome.fields, shown.fields]),
+        directions=np.concatenate([dome.directions, shown.directions]),
+        forces=np.concatenate([dome.forces, shown.forces]),
+    )
 
 
 def _presses(

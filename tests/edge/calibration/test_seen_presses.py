@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.seen_presses import seen_by
+from palpate_edge.calibration.seen_presses import also_seen_by, seen_by
 from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, canonical_directions
@@ -85,3 +85,16 @@ def test_a_model_without_presses_in_three_dimensions_stays() -> None:
     width = 2 * len(canonical_directions())
     dome = DomeModel(np.ones((1, width)), np.eye(3)[2:], -np.eye(3)[2:], RADIUS_MM)
     assert seen_by(*sensor(45.0), dome) is dome
+    assert also_seen_by(*sensor(45.0), dome) is dome
+
+
+def test_presses_seen_stand_after_the_others_and_answer_alone() -> None:
+    points = sphere(9.0, 81.0)
+    dome = model(-0.5 * points, points)
+    seen, both = seen_by(*sensor(45.0), dome), also_seen_by(*sensor(45.0), dome)
+    assert (len(dome.fields), len(seen.fields), len(both.fields)) == (1, 2, 3)
+    assert (both.fields[:1] == dome.fields).all()
+    for answering in (both.for_markers(20.0), both):
+        assert answering.directions[answering.answering] == pytest.approx(seen.directions)
+    assert both.fields[both.answering] == pytest.approx(seen.fields)
+    assert dome.answering == slice(0, None)

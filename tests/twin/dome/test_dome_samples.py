@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.seen_presses import seen_by
+from palpate_edge.calibration.seen_presses import also_seen_by, seen_by
 from palpate_edge.calibration.training.dome_model import load_dome_model, save_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import Samples
@@ -94,8 +94,10 @@ def test_the_shipped_model_teaches_torsion_where_own_presses_are_few(monkeypatch
     assert rms_Nmm[0] < 0.6 * rms_Nmm[1], rms_Nmm
 
 
-def test_presses_seen_by_the_sensor_s_own_camera_are_nearer_to_it(monkeypatch):
-    """A close camera, which the packaged fields do not have: mean errors of place and force over its size."""
+@pytest.fixture
+def close_sensor(monkeypatch):
+    """Return samples of a sensor with a close camera, which the packaged fields do not have, its reader and
+    its view."""
     close = Camera(640, 480, (240.0, 240.0, 320.0, 240.0), (0.0, 0.0, -24.0))
     monkeypatch.setattr(maker, "CAMERA", close)
     monkeypatch.setattr(maker, "PRESSES_A_SENSOR", 100)
@@ -107,10 +109,15 @@ def test_presses_seen_by_the_sensor_s_own_camera_are_nearer_to_it(monkeypatch):
             readers.append((self, view))
 
     monkeypatch.setattr(maker, "DisplacementReader", Reader)
-    samples = maker._one_sensor(load_library(), np.random.default_rng(12))
+    return maker._one_sensor(load_library(), np.random.default_rng(12)), *readers[0]
+
+
+def test_presses_seen_by_the_sensor_s_own_camera_are_nearer_to_it(close_sensor):
+    """Mean errors of place and force over its size."""
+    samples, reader, view = close_sensor
     dome = load_dome_model()
     errors = []
-    for model in (dome, seen_by(*readers[0], dome)):
+    for model in (dome, seen_by(reader, view, dome)):
         direction, force, _ = fit(None, model, 30.0).predict(samples.fields, samples.hidden)
         place_mm = 30.0 * np.linalg.norm(direction - samples.directions, axis=1)
         scale = (force * samples.forces_N).sum() / (force**2).sum()
@@ -119,6 +126,25 @@ def test_presses_seen_by_the_sensor_s_own_camera_are_nearer_to_it(monkeypatch):
     (packaged_mm, packaged_share), (seen_mm, seen_share) = errors
     assert seen_mm < 0.8 * packaged_mm, errors
     assert seen_share < 0.8 * packaged_share, errors
+
+
+def test_a_close_camera_with_no_own_press_near_the_apex_answers_there(close_sensor):
+    """20 own presses beyond 25 deg from the apex; contacts within 15 deg are placed, and fit one contact."""
+    samples, reader, view = close_sensor
+    theta_deg = np.degrees(np.arccos(samples.directions[:, 2]))
+    samples = replace(samples, plain=np.ones_like(samples.plain))
+    own = some(samples, np.isin(samples.press, np.unique(samples.press[theta_deg > 25])[:20]))
+    apex = some(samples, (theta_deg < 15) & (samples.faintness < 1.5))
+    dome = load_dome_model()
+    found = []
+    for model in (dome, also_seen_by(reader, view, dome)):
+        regression = fit(own, model, 30.0)
+        direction, _, _ = regression.predict(apex.fields, apex.hidden)
+        place_mm = 30.0 * np.linalg.norm(direction - apex.directions, axis=1)
+        found.append((place_mm.mean(), np.quantile(regression.misfit(apex.fields), 0.9)))
+    (others_mm, others_misfit), (seen_mm, seen_misfit) = found
+    assert seen_mm < 0.5 * others_mm, found
+    assert seen_misfit < 0.5 * others_misfit, found
 
 
 def some(samples, rows):

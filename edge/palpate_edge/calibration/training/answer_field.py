@@ -19,7 +19,8 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.contact_fit.contact_fields import FORCE_WEIGHT, PLACE_WEIGHT, SIZE_WEIGHT
 
 LENGTH = 1.0
-OWN_RIDGE, DOME_RIDGE = 1e-3, 1e-1  # another dome's fields count little where the sensor's own are near
+# The dome's fields count little where the sensor's own are near, those of another camera least.
+OWN_RIDGE, SEEN_RIDGE, DOME_RIDGE = 1e-3, 1e-2, 1e-1
 MOST_CENTRES = 800  # of each kind: an answer has but five degrees of freedom
 KEPT_CENTRES = 250
 
@@ -59,7 +60,9 @@ def fit_answer_field(
         plain = np.flatnonzero(samples.plain)
         parts.append((samples.fields, samples.directions, samples.forces_N, plain, OWN_RIDGE))
     if dome is not None:
-        parts.append((dome.fields, dome.directions, dome.forces, np.arange(len(dome.fields)), DOME_RIDGE))
+        usable = np.arange(len(dome.fields))[dome.answering]
+        ridge = SEEN_RIDGE if dome.seen else DOME_RIDGE
+        parts.append((dome.fields, dome.directions, dome.forces, usable, ridge))
     centres, shapes, ridges = [], [], []
     for fields, directions, forces, usable, ridge in parts:
         forced = usable[np.linalg.norm(forces[usable], axis=1) > 0]

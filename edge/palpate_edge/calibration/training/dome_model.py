@@ -54,7 +54,8 @@ class SolidPresses:
 class DomeModel:
     """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
     frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the torsion
-    alone, None where none is known. solid: further presses for `seen_presses`, None without them."""
+    alone, None where none is known. solid: further presses for `seen_presses`, None without them. seen: how
+    many of the n presses, the last ones, are as the camera of the sensor at hand shows them."""
 
     fields: Array
     directions: Array
@@ -62,6 +63,12 @@ class DomeModel:
     markers_radius_mm: float
     twisted: TwistedPresses | None = None
     solid: SolidPresses | None = None
+    seen: int = 0
+
+    @property
+    def answering(self) -> slice:
+        """The presses from which the field of a contact is learned: those seen, or all without them."""
+        return slice(len(self.fields) - self.seen if self.seen else 0, None)
 
     def for_markers(self, radius_mm: float) -> DomeModel:
         """The same dome in another size: motions grow with it, forces with its square, torsions with its
@@ -73,8 +80,14 @@ class DomeModel:
         solid = self.solid
         if solid is not None:
             solid = replace(solid, motions=solid.motions * ratio, forces=solid.forces * ratio**2)
-        forces = self.forces * ratio**2
-        return DomeModel(self.fields * ratio, self.directions, forces, radius_mm, twisted, solid)
+        return replace(
+            self,
+            fields=self.fields * ratio,
+            forces=self.forces * ratio**2,
+            markers_radius_mm=radius_mm,
+            twisted=twisted,
+            solid=solid,
+        )
 
 
 def load_dome_model(path: Path = SHIPPED) -> DomeModel:
