@@ -25,6 +25,7 @@ from palpate_edge.common.entry_point import run_cli
 from palpate_edge.common.errors import CalibrationError, DatasetError
 from palpate_edge.datasets.images import read_image
 from palpate_edge.datasets.press_dataset import PressDataset, read_dataset
+from palpate_edge.geometry.points import distances
 from palpate_edge.vision.appearance import plane
 from palpate_edge.vision.tracker import Tracker
 from palpate_twin.camera.layouts import IN_TURN
@@ -37,7 +38,7 @@ from palpate_twin.dome.library import load_library
 SENSORS = 10
 PLAN = Plan(train=200, test=60)
 COUNTS = (0, 20, PLAN.train)
-MISLABELLED_PX = 3.0  # a found bead with a larger error counts as mislabelled
+FAR_PX = 3.0  # a found bead with a larger error counts as far off
 PROCESSES = 2
 
 
@@ -45,13 +46,13 @@ PROCESSES = 2
 class Beads:
     """Bead positions of the tracker compared with the truth.
 
-    median_px: median error. tracked, single: number of test frames with a mislabelled bead if the tracker
-    continues from the frame before, or starts from the untouched dome.
+    median_px: median error. mislabelled, far: number of test frames with a bead whose label is wrong, or that
+    is far off, if the tracker continues from the frame before, and if it starts from the untouched dome.
     """
 
     median_px: float
-    tracked: int
-    single: int
+    mislabelled: tuple[int, int]
+    far: tuple[int, int]
     frames: int
 
 
@@ -143,13 +144,13 @@ def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
         ],
     )
     beads = table(
-        ("sensor", "median px", "mislabelled, tracked", "mislabelled, single", "frames"),
+        ("sensor", "median px", "wrong label: tracked", "single", "far off: tracked", "single", "frames"),
         [
             (
                 line.name,
                 number(line.beads.median_px, 3),
-                str(line.beads.tracked),
-                str(line.beads.single),
+                *map(str, line.beads.mislabelled),
+                *map(str, line.beads.far),
                 str(line.beads.frames),
             )
             for line in lines
@@ -173,10 +174,11 @@ def report(lines: Sequence[Line], missing: Sequence[int]) -> str:
         presses. Angles, wrong flags and rejected frames are those with all presses."""),
         force,
         "## Beads",
-        paragraph(f"""Errors of the tracker's bead positions over the test frames. A frame is mislabelled if
-        an error exceeds {MISLABELLED_PX:g} px. "tracked": the tracker continues from the frame before; as the
-        presses are independent, it meets jumps that a moving contact does not make. "single": the tracker
-        starts from the untouched dome for each frame."""),
+        paragraph(f"""Errors of the tracker's bead positions over the test frames. "wrong label": frames with
+        a bead that is nearer to the true place of another one than to its own. "far off": frames with a bead
+        more than {FAR_PX:g} px from its true place. "tracked": the tracker continues from the frame before;
+        as the presses are independent, it meets jumps that a moving contact does not make. "single": the
+        tracker starts from the untouched dome for each frame."""),
         beads,
     ]
     return "\n\n".join(parts) + "\n"
@@ -220,7 +222,7 @@ def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measu
     reference_px = measured.reference.position_px
     bead_of = np.linalg.norm(reference_px[:, None] - true_reference_px[None], axis=2).argmin(axis=1)
     tracker, single = Tracker(measured.reference), Tracker(measured.reference)
-    errors, wrong, frames = [], [0, 0], 0
+    errors, wrong, far, frames = [], [0, 0], [0, 0], 0
     for shot, press in zip(shots, dataset.presses, strict=True):
         if shot.split != "test":
             continue
@@ -230,11 +232,14 @@ def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measu
         single.reset()
         frames += 1
         for which, beads in enumerate((tracker.follow(dark), single.follow(dark))):
-            off_px = np.linalg.norm(beads.position_px - true_px, axis=1)[beads.found]
-            wrong[which] += bool((off_px > MISLABELLED_PX).any())
+            apart_px = distances(beads.position_px, true_px)[beads.found]
+            off_px = apart_px[np.arange(len(apart_px)), beads.found.nonzero()[0]]
+            wrong[which] += bool((apart_px.min(axis=1) < off_px).any())
+            far[which] += bool((off_px > FAR_PX).any())
             if which:
                 errors.append(off_px)
-    return Beads(float(np.median(np.concatenate(errors))), *wrong, frames)
+    median_px = float(np.median(np.concatenate(errors)))
+    return Beads(median_px, (wrong[0], wrong[1]), (far[0], far[1]), frames)
 
 
 def _appearance(twin: TwinSensor) -> str:

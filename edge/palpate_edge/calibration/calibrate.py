@@ -190,10 +190,9 @@ def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
     from palpate_edge.calibration.seen_presses import also_seen_by, seen_by  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
-    from palpate_edge.calibration.training.typical_contacts import LEAST_NOISE_PX  # noqa: PLC0415
 
     is_taught = len(training_presses(measured)) >= FEWEST_PRESSES
-    if is_taught and measured.bead_noise_px >= LEAST_NOISE_PX:
+    if is_taught and measured.is_inexact:
         return dome
     seen = also_seen_by if is_taught else seen_by
     return seen(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
@@ -234,12 +233,9 @@ def _reader(sensor: Sensor, measured: Measured, typical: TypicalFields | None = 
 def _typical_fields(sensor: Sensor, dome: DomeModel, measured: Measured) -> TypicalFields | None:
     """Return the typical fields of the dome model's contacts and the sensor's own; None for exact beads."""
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415 - extra `train`
-    from palpate_edge.calibration.training.typical_contacts import (  # noqa: PLC0415
-        LEAST_NOISE_PX,
-        typical_fields,
-    )
+    from palpate_edge.calibration.training.typical_contacts import typical_fields  # noqa: PLC0415
 
-    if measured.bead_noise_px < LEAST_NOISE_PX:
+    if not measured.is_inexact:
         return None
     reader = _reader(sensor, measured)
     own = [reader.read(press.beads).values for press in training_presses(measured)]

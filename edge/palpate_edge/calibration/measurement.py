@@ -38,6 +38,7 @@ CLEAR = 0.8  # of a bead's median contrast over the reference frames
 OUTLYING = 2.0  # median distances of a bead from its place; farther places count less
 NAMED_FRAMES = 3  # of those dropped for one reason
 MIN_UNTOUCHED, MAX_JUDGED = 4, 16  # frames by which it is chosen how places are measured
+INEXACT_NOISE_PX = 0.05  # of an exact bead; with less noise displacements as measured are as good as smoothed
 NOT_ONE_SKIN = "the beads do not move as one skin (hidden, or taken for their neighbours)"
 DOUBTFUL = "beads and blobs are left over side by side (the labels may be one row off)"
 NOT_MOVED = "the skin moves less than the contact threshold"
@@ -64,6 +65,11 @@ class Measured:
     bead_noise_px: float = 0.0
     touched_references: tuple[str, ...] = ()
     moved_references: tuple[str, ...] = ()
+
+    @property
+    def is_inexact(self) -> bool:
+        """True in hard light: the beads' places are too noisy to be used as measured."""
+        return self.bead_noise_px >= INEXACT_NOISE_PX
 
 
 def measure(

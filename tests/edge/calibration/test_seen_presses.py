@@ -94,7 +94,7 @@ def test_presses_seen_stand_after_the_others_and_answer_alone() -> None:
     seen, both = seen_by(*sensor(45.0), dome), also_seen_by(*sensor(45.0), dome)
     assert (len(dome.fields), len(seen.fields), len(both.fields)) == (1, 2, 3)
     assert (both.fields[:1] == dome.fields).all()
-    for answering in (both.for_markers(20.0), both):
-        assert answering.directions[answering.answering] == pytest.approx(seen.directions)
+    for sized in (both.for_markers(20.0), both):
+        assert sized.directions[sized.answering] == pytest.approx(seen.directions)
     assert both.fields[both.answering] == pytest.approx(seen.fields)
     assert dome.answering == slice(0, None)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate_edge.calibration.training.answer_field import LENGTH, AnswerField, answers
+from palpate_edge.calibration.training.answer_field import LENGTH, AnswerField, answers, evenly_forced
 from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
@@ -18,15 +18,13 @@ from palpate_edge.common.arrays import Array, Indices
 
 DOME_RIDGE = 0.03
 OWN_LENGTH, OWN_RIDGE = 0.7, 0.1  # ridge of a firm press
-MOST_CENTRES = 800  # of the dome model's presses
 KEPT_CENTRES = 250
 OWN_IMPORTANCE = 3.0  # of own presses where centres are left out, over the dome model's
 
 
 def dome_shapes(projection: Projection, dome: DomeModel) -> AnswerField:
     """Return the shapes of the dome model's presses."""
-    forced = np.flatnonzero(np.linalg.norm(dome.forces, axis=1) > 0)
-    some = forced[np.linspace(0, len(forced) - 1, min(len(forced), MOST_CENTRES)).astype(np.intp)]
+    some = evenly_forced(dome.forces)
     size = np.linalg.norm(dome.fields[some], axis=1)
     points = answers(dome.directions[some], dome.forces[some], size)
     shapes = _shapes(projection, dome.fields[some])

@@ -15,7 +15,7 @@ from palpate_edge.calibration.training.compress import compressed
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.samples import Samples
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.contact_fit.contact_fields import FORCE_WEIGHT, PLACE_WEIGHT, SIZE_WEIGHT
 
 LENGTH = 1.0
@@ -48,6 +48,12 @@ def answers(directions: Array, forces: Array, sizes: Array) -> Array:
     return np.concatenate([PLACE_WEIGHT * directions, FORCE_WEIGHT * (way + directions), size], axis=1)
 
 
+def evenly_forced(forces: Array) -> Indices:
+    """Return presses with a force (s, 3), `MOST_CENTRES` at most, evenly from first to last."""
+    forced = np.flatnonzero(np.linalg.norm(forces, axis=1) > 0)
+    return forced[np.linspace(0, len(forced) - 1, min(len(forced), MOST_CENTRES)).astype(np.intp)]
+
+
 def fit_answer_field(
     mean: Array, components: Array, samples: Samples | None, dome: DomeModel | None
 ) -> AnswerField:
@@ -65,8 +71,7 @@ def fit_answer_field(
         parts.append((dome.fields, dome.directions, dome.forces, usable, ridge))
     centres, shapes, ridges = [], [], []
     for fields, directions, forces, usable, ridge in parts:
-        forced = usable[np.linalg.norm(forces[usable], axis=1) > 0]
-        some = forced[np.linspace(0, len(forced) - 1, min(len(forced), MOST_CENTRES)).astype(np.intp)]
+        some = usable[evenly_forced(forces[usable])]
         size = np.linalg.norm(fields[some], axis=1)
         centres.append(answers(directions[some], forces[some], size))
         shapes.append((fields[some] / size[:, None] - mean) @ components)

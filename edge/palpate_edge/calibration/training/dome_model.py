@@ -68,7 +68,7 @@ class DomeModel:
     @property
     def answering(self) -> slice:
         """The presses from which the field of a contact is learned: those seen, or all without them."""
-        return slice(len(self.fields) - self.seen if self.seen else 0, None)
+        return slice(-self.seen, None)
 
     def for_markers(self, radius_mm: float) -> DomeModel:
         """The same dome in another size: motions grow with it, forces with its square, torsions with its

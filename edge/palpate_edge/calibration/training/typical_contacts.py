@@ -15,7 +15,6 @@ from palpate_edge.estimation.pose.kernel_expansion import packed
 
 KEPT = 60  # fields; those of the twin's domes leave 0.5 % of the displacement's variance
 TURNS = 24  # azimuths
-LEAST_NOISE_PX = 0.05  # of an exact bead; with less noise the displacements as measured are as good or better
 DOME_PRESSES = 200.0  # own presses that weigh as much as the whole dome model
 LEAST_REMAINDER = 1e-6
 
