@@ -254,3 +254,13 @@ def test_the_lines_of_text_and_the_summary(hand_config, tmp_path):
     assert lines[-1] == "torque commands above the limit: 2"
     write_summary(tmp_path / "summary.json", summary)
     assert '"smallest_N": 0.98' in (tmp_path / "summary.json").read_text()
+
+
+def test_a_slow_simulation_names_the_way_out(hand_config):
+    summary = analysis(hand_config).summary
+    slow = replace(summary, turn=replace(summary.turn, pace=0.82))
+    speeds = [
+        line for line in summary_lines(slow) if line.startswith("simulation speed: 0.82 of real time: ")
+    ]
+    assert len(speeds) == 1
+    assert "palpate-host demo --lockstep" in speeds[0]
