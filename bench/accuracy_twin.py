@@ -220,7 +220,7 @@ def _figures(dataset: PressDataset) -> dict[int, Figures | None]:
 def _beads(view: CameraView, shots: Sequence[Shot], dataset: PressDataset, measured: Measured) -> Beads:
     true_reference_px, _ = view.outlines(None)
     reference_px = measured.reference.position_px
-    bead_of = np.linalg.norm(reference_px[:, None] - true_reference_px[None], axis=2).argmin(axis=1)
+    bead_of = distances(reference_px, true_reference_px).argmin(axis=1)
     tracker, single = Tracker(measured.reference), Tracker(measured.reference)
     errors, wrong, far, frames = [], [0, 0], [0, 0], 0
     for shot, press in zip(shots, dataset.presses, strict=True):
