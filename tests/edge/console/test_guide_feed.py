@@ -25,7 +25,7 @@ def test_a_press_that_cannot_be_saved_ends_the_guide_and_a_new_start_goes_on(tmp
         folder = tmp_path / "presses"
         (folder / "reference").mkdir()
         for number in range(5):
-            cv2.imwrite(str(folder / "reference" / f"{number}.png"), bench.untouched[number % 4])
+            cv2.imwrite(str(folder / "reference" / f"{number}.png"), bench.at_rest(number))
         image, mass_g = bench.presses[0]
         now_us = 0
         with closing(GuideFeed(read_config(config), broadcast)) as feed, broadcast.listen() as listener:

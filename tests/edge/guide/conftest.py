@@ -29,7 +29,7 @@ from palpate_twin.dome.library import load_library
 
 SEED = 301
 FPS = 15.0
-UNTOUCHED = 4
+UNTOUCHED = 23  # distinct noise, also where only every second or fourth picture is taken: 23 is prime
 
 
 class TableCamera:
@@ -69,6 +69,10 @@ class Bench:
             press = weighed_press(self.view.dome, rng)
             image, force_N = self.view.frame(press, rng)
             self.presses.append((image.copy(), float(round(-force_N @ press.outward / NEWTONS_PER_GRAM))))
+
+    def at_rest(self, number: int) -> Image:
+        """A picture of the untouched dome; its noise comes again after `UNTOUCHED` pictures."""
+        return self.untouched[number % UNTOUCHED]
 
     def through(self, hole: Hole) -> tuple[Image, float]:
         """The picture of a rod with a weight in a hole of the jig, and the grams of both."""

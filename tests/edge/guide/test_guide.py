@@ -32,7 +32,7 @@ class Person:
 
     def rest(self, seconds, period_s=0.1):
         count = round(seconds / period_s)
-        self.show(*(self.bench.untouched[n % 4] for n in range(count)), period_s=period_s)
+        self.show(*(self.bench.at_rest(n) for n in range(count)), period_s=period_s)
 
     def next(self):
         self.runner.answer("next")
@@ -154,12 +154,12 @@ def test_reference_frames_are_taken_again_after_a_drift_and_kept_at_a_new_start(
     person.rest(6.0)
     person.next()
     person.rest(0.2)
-    person.show(*(shifted[n % 4] for n in range(32)), period_s=1.0)
+    person.show(*(shifted[n % len(shifted)] for n in range(32)), period_s=1.0)
     assert person.title == "Warm-up"
     assert dict(person.runner.view.figures)["drift"] not in ("0.00 px", "0.10 px", "0.20 px")
     person.next()
     assert person.title == "Untouched dome"
-    person.show(*(shifted[n % 4] for n in range(60)))
+    person.show(*(shifted[n % len(shifted)] for n in range(60)))
     person.next()
     person.show(shifted[0])
     assert person.title == "Presses on the scale"  # warm already
@@ -215,7 +215,7 @@ def test_reference_pictures_with_a_touch_are_named_and_taken_again(person, bench
         person.rest(1.2)
         person.next()
     touch, quiet = light_touch(bench), bench.untouched
-    person.show(*(touch if n in (4, 8) else quiet[n % 4] for n in range(20)), period_s=0.21)
+    person.show(*(touch if n in (4, 8) else quiet[n % len(quiet)] for n in range(20)), period_s=0.21)
     assert person.verdict == (
         Verdict.ABSENT,
         "18 of 20 pictures; pictures 5, 9 differed from the others and are taken again: the dome was touched",
@@ -234,7 +234,7 @@ def test_calibrate_names_reference_frames_with_a_touch(bench, tmp_path):
     bench.files(folder)
     (folder / "reference").mkdir()
     for number in range(8):
-        image = light_touch(bench) if number in (2, 5) else bench.untouched[number % 4]
+        image = light_touch(bench) if number in (2, 5) else bench.at_rest(number)
         cv2.imwrite(str(folder / "reference" / f"{number:03}.png"), image)
     calibration = calibrate(read_dataset(folder), dome=load_dome_model())
     assert calibration.source.touched_references == ("002.png", "005.png")

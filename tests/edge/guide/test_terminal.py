@@ -21,7 +21,7 @@ class Typist:
     def picture(self, sequence):
         self.seen += 1
         is_pressing = self.runner.view.title == "Presses on the scale" and self.left
-        image = self.bench.presses[self.left[0]][0] if is_pressing else self.bench.untouched[sequence % 4]
+        image = self.bench.presses[self.left[0]][0] if is_pressing else self.bench.at_rest(sequence)
         image = image.copy()
         image[0, 0] = sequence % 256  # a camera whose pictures are all alike is frozen
         return image
