@@ -4,6 +4,9 @@ The drift is followed while nothing touches (touch_classification.py decides) an
 contact, however long it lasts. Its common part (camera_motion.py) is followed quickly, at most as far as
 drift can have moved since it was last observed. The dent beside it is followed slowly and only up to one
 contact threshold: a contact that grows too slowly to be noticed loses no more than that.
+
+A camera that zooms or turns moves the skin where it is, not where it was at rest: the common part changes
+from place to place (`camera_slopes`), which matters where a press displaces beads by a spacing.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.estimation.camera_motion import SplitMotion
+from palpate_edge.estimation.camera_motion import MOTIONS, SplitMotion, camera_modes, camera_slopes
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.neighbourhood import rms
 
@@ -31,6 +34,10 @@ class Drift:
     def __init__(self, reference: Reference, threshold_px: float) -> None:
         """threshold_px: skin motion above which something touches."""
         self._threshold_px = threshold_px
+        self._rest_px = reference.position_px
+        self._fit = np.linalg.pinv(camera_modes(reference.position_px).reshape(-1, MOTIONS))
+        self._slopes = camera_slopes(reference.position_px)
+        self._by_x, self._by_y = np.zeros((2, *reference.position_px.shape))  # slopes of the common part
         self._common_px = np.zeros_like(reference.position_px)
         self._dent_px = np.zeros_like(reference.position_px)
         self._drift_px = self._common_px + self._dent_px
@@ -43,7 +50,9 @@ class Drift:
 
     def compensate(self, beads: Beads) -> Beads:
         """Return the beads as they would be seen without the drift."""
-        return msgspec.structs.replace(beads, position_px=beads.position_px - self._drift_px)
+        skin_px = beads.position_px - self._drift_px
+        x, y = (skin_px - self._rest_px).T[:, :, None]
+        return msgspec.structs.replace(beads, position_px=skin_px - x * self._by_x - y * self._by_y)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""
@@ -62,6 +71,7 @@ class Drift:
         share = 1.0 if at_once else 1.0 - math.exp(-elapsed_s / FOLLOWING_S)
         share = min(share, self._unobserved_px / size_px, self._remaining_px() / size_px)
         self._common_px = self._common_px + share * split.common_px
+        self._by_x, self._by_y = self._slopes @ (self._fit @ self._common_px.ravel())
         self._unobserved_px = min(max(0.0, self._unobserved_px - share * size_px), (1.0 - share) * size_px)
         self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_FOLLOWING_S)) * split.dent_px
         limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._common_px)

@@ -144,6 +144,32 @@ def test_a_drift_is_followed_at_its_rate_and_compensated() -> None:
     np.testing.assert_allclose(drift.compensate(beads((1.0, 0.0))).position_px, REST_PX, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "motion_px",
+    [
+        lambda x, y: (2.0 + 0 * x, -1.0 + 0 * y),
+        lambda x, y: (-0.02 * y, 0.02 * x),
+        lambda x, y: (0.02 * x, 0.02 * y),
+        lambda x, y: (3e-4 * x * x, 3e-4 * x * y),
+        lambda x, y: (3e-4 * x * y, 3e-4 * y * y),
+    ],
+    ids=["shift", "rotation", "zoom", "tilt x", "tilt y"],
+)
+def test_a_press_on_a_moved_camera_is_measured_where_the_skin_is(motion_px) -> None:
+    """A zoom of 2 % makes a dent of 10 px larger by 0.2 px; what is left is of second order."""
+
+    def moved(place_px: np.ndarray) -> np.ndarray:
+        return np.column_stack(motion_px(*(place_px - REST_PX.mean(axis=0)).T))
+
+    drift = Drift(REFERENCE, THRESHOLD_PX)
+    drift.follow_motion(SplitMotion(moved(REST_PX), np.zeros((COUNT, 2))), 0.1, at_once=True)
+    np.testing.assert_allclose(drift.compensate(beads(moved(REST_PX))).position_px, REST_PX, atol=1e-9)
+    pressed_px = REST_PX + dent(12.0)
+    seen = beads(dent(12.0) + moved(pressed_px))
+    assert np.abs(dent(12.0)).max() > 7.0
+    np.testing.assert_allclose(drift.compensate(seen).position_px, pressed_px, atol=0.03)
+
+
 def test_a_drift_that_is_not_taken_at_once_is_followed_in_0_2_s_and_goes_6_px_at_most() -> None:
     drift = Drift(REFERENCE, THRESHOLD_PX)
     drift.follow_motion(common(1.0), 0.1, at_once=False)
