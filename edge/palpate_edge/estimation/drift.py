@@ -36,7 +36,7 @@ class Drift:
         self._threshold_px = threshold_px
         self._rest_px = reference.position_px
         self._fit = np.linalg.pinv(camera_modes(reference.position_px).reshape(-1, MOTIONS))
-        self._slopes = camera_slopes(reference.position_px)
+        self._flat_slopes = camera_slopes(reference.position_px).reshape(-1, MOTIONS)
         self._by_x, self._by_y = np.zeros((2, *reference.position_px.shape))  # slopes of the common part
         self._common_px = np.zeros_like(reference.position_px)
         self._dent_px = np.zeros_like(reference.position_px)
@@ -71,7 +71,8 @@ class Drift:
         share = 1.0 if at_once else 1.0 - math.exp(-elapsed_s / FOLLOWING_S)
         share = min(share, self._unobserved_px / size_px, self._remaining_px() / size_px)
         self._common_px = self._common_px + share * split.common_px
-        self._by_x, self._by_y = self._slopes @ (self._fit @ self._common_px.ravel())
+        amounts = self._fit @ self._common_px.ravel()
+        self._by_x, self._by_y = (self._flat_slopes @ amounts).reshape(2, -1, 2)
         self._unobserved_px = min(max(0.0, self._unobserved_px - share * size_px), (1.0 - share) * size_px)
         self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_FOLLOWING_S)) * split.dent_px
         limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._common_px)
