@@ -183,19 +183,17 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measur
 
 
 def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
-    """Return the dome model as this sensor shows it; where its own presses teach too, beside other sensors.
+    """Return the dome model as this sensor shows it.
 
-    With inexact beads the other sensors alone are the better basis of own presses.
+    With inexact beads presses as other sensors show them are the better basis of own presses.
     """
-    from palpate_edge.calibration.seen_presses import also_seen_by, seen_by  # noqa: PLC0415 - extra `train`
+    from palpate_edge.calibration.seen_presses import seen_by  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
-    is_taught = len(training_presses(measured)) >= FEWEST_PRESSES
-    if is_taught and measured.is_inexact:
+    if measured.is_inexact and len(training_presses(measured)) >= FEWEST_PRESSES:
         return dome
-    seen = also_seen_by if is_taught else seen_by
-    return seen(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
+    return seen_by(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
 
 
 def _adjusted(
@@ -230,30 +228,33 @@ def _reader(sensor: Sensor, measured: Measured, typical: TypicalFields | None = 
     )
 
 
-def _typical_fields(sensor: Sensor, dome: DomeModel, measured: Measured) -> TypicalFields | None:
-    """Return the typical fields of the dome model's contacts and the sensor's own; None for exact beads."""
+def _typical_fields(sensor: Sensor, dome: DomeModel, measured: Measured) -> TypicalFields:
+    """Return the typical fields of the dome model's contacts and the sensor's own."""
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.typical_contacts import typical_fields  # noqa: PLC0415
 
-    if not measured.is_inexact:
-        return None
     reader = _reader(sensor, measured)
     own = [reader.read(press.beads).values for press in training_presses(measured)]
-    return typical_fields(reader, np.array(own).reshape(-1, dome.fields.shape[1]), dome.fields)
+    return typical_fields(
+        reader,
+        np.array(own).reshape(-1, dome.fields.shape[1]),
+        dome.fields,
+        smooths_all=measured.is_inexact,
+    )
 
 
 def _train(
     sensor: Sensor,
     dome: DomeModel,
     measured: Measured,
-    typical: TypicalFields | None,
+    typical: TypicalFields,
     open_rad: float,
     progress: Callable[[int], None],
 ) -> _Trained:
     """Return the correction model and what improves its answers on this sensor.
 
     open_rad: see confidence_radius.constant_radius.
-    There are contact fields only where there are typical ones and where they improve the places.
+    There are contact fields only where the typical ones smooth all frames and where they improve the places.
     """
     from palpate_edge.calibration.contact_fit.combined_place import fit_combined_place  # noqa: PLC0415
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
@@ -285,7 +286,7 @@ def _train(
     trained = _Trained(
         export(regression, sensor.fingerprint(), dome.fields), regression, place_stiffness=place_stiffness
     )
-    if typical is None:
+    if not typical.smooths_all:
         return trained
     combined = fit_combined_place(
         reader,

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses
+from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses, TwistedPresses
 from palpate_edge.calibration.training.samples import TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, kernel
@@ -35,29 +35,16 @@ def seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeMode
         return dome
     presses = _presses(reader, view, dome.solid, dome.markers_radius_mm)
     samples = make_samples(reader, presses, copies=1, vary_all=True)
+    twisted = None
+    if samples.torsions_Nmm is not None:
+        twisted = TwistedPresses(samples.fields, samples.torsions_Nmm)
     return replace(
         dome,
         fields=samples.fields,
         directions=samples.directions,
         forces=samples.forces_N,
-        seen=len(samples.fields),
-    )
-
-
-def also_seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeModel:
-    """Return the dome model with its presses in three dimensions, as the sensor shows them, after the others.
-
-    With presses of the sensor itself both are better than one: 300 presses are few, the others are of other
-    cameras. Unchanged without solid presses.
-    """
-    shown = seen_by(reader, view, dome)
-    if not shown.seen:
-        return dome
-    return replace(
-        shown,
-        fields=np.concatenate([dome.fields, shown.fields]),
-        directions=np.concatenate([dome.directions, shown.directions]),
-        forces=np.concatenate([dome.forces, shown.forces]),
+        twisted=twisted,
+        is_seen=True,
     )
 
 
@@ -70,12 +57,12 @@ def _presses(
     covariance = kernel(solid.points, solid.points) + RIDGE * np.eye(len(solid.points))
     to_points: Array = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     presses = []
-    each = zip(solid.motions, solid.directions, solid.forces, strict=True)
-    for number, (motion_mm, direction, force) in enumerate(each):
+    each = zip(solid.motions, solid.directions, solid.forces, solid.torsions.tolist(), strict=True)
+    for number, (motion_mm, direction, force, torsion) in enumerate(each):
         turn = rotation_about_z(GOLDEN_TURN_RAD * number)
         moved_mm = kernel(directions @ turn, solid.points) @ (to_points @ motion_mm) @ turn.T
         beads = tracked_beads(view, radius_mm * directions + moved_mm, rng)
-        presses.append(TrainingPress(beads, turn @ direction, turn @ force))
+        presses.append(TrainingPress(beads, turn @ direction, turn @ force, torsion_Nmm=torsion))
     return presses
 
 

@@ -6,9 +6,10 @@ displacement is interpolated (Gaussian process, Matern 3/2 kernel on the sphere)
 directions of a *canonical frame*: F rotated about z by the azimuth of the displacement's centre of gravity.
 
 A faint contact displaces the beads by little more than the errors of their places. With the typical fields of
-the sensor's contacts the displacement is first smoothed (field_smoothing/smoother.py). Without them the noise
-of the process is that of the beads over the frame's own displacement: the field of a firm contact is
-interpolated, that of a faint one smoothed.
+the sensor's contacts the displacement is first smoothed (field_smoothing/smoother.py): in all frames of
+sensors in hard light, of others where beads are hidden or inexact, whose displacement the typical fields fill
+in. Without them the noise of the process is that of the beads over the frame's own displacement: the field of
+a firm contact is interpolated, that of a faint one smoothed.
 """
 
 from __future__ import annotations
@@ -117,6 +118,7 @@ class DisplacementReader:
         self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._beads_32 = self._beads.T.astype(np.float32)
         self._smoother = None if typical is None else FieldSmoother(typical, noise_px)
+        self._smooths_all = typical is not None and typical.smooths_all
         self._last_kernel = 0.0, self._kernel_at(0.0)
 
     @property
@@ -146,7 +148,7 @@ class DisplacementReader:
         """
         pixels = self.displacement_px(beads)
         hidden = hidden or self.hidden(beads)
-        if self._smoother is not None:
+        if self._smoother is not None and (self._smooths_all or not beads.all_exact):
             weights = self._inverse @ self._on_sphere_mm(self._smoother.smooth(pixels, beads))
         else:
             weights = self._kernel_weights(self._on_sphere_mm(pixels), beads)

@@ -11,7 +11,7 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.common.errors import ConfigError
 from palpate_edge.geometry.sensor import Dome
 from palpate_twin.dome import field_grid as grid
-from palpate_twin.dome.library import FieldLibrary, periodic, ring_weights
+from palpate_twin.dome.library import Field, FieldLibrary, periodic, ring_weights
 from palpate_twin.dome.probe import Probe
 from palpate_twin.dome.uneven_wall import Stiffness, UnevenWall
 
@@ -142,22 +142,19 @@ class DeformableDome:
         to_azimuth = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         skin = np.zeros((grid.RINGS + 1, AZIMUTHS, 3))  # the last ring, the base edge, is fixed
         skin[:-1] = turned_rings(solved.displacement_mm @ to_azimuth * self.scale, press.azimuth_rad)
-        force = solved.force_per_mu_mm2 @ to_azimuth * self.scale**2
-        torsion = solved.torsion_per_mu_mm3
+        force = solved.force_per_mu_mm2 @ to_azimuth
+        field = Field(skin[:-1].reshape(-1, 3), force, solved.torsion_per_mu_mm3)
         if self._uneven is not None:
             change = self._uneven.change(
                 press.theta_rad, press.azimuth_rad, press.depth_mm, press.shear_mm, press.probe
             )
-            size_mm = np.sqrt((skin[:-1] ** 2).sum(axis=-1).mean())
-            skin[:-1] += size_mm * change.displacement.reshape(skin[:-1].shape)
-            even = float(np.linalg.norm(force))
-            force = force + even * change.force
-            if torsion is not None and even > 0:  # of the same stretch of wall as the force
-                torsion *= float(np.linalg.norm(force)) / even
+            field = change.of(field)
+            skin[:-1] = field.displacement_mm.reshape(skin[:-1].shape)
+        torsion = field.torsion_per_mu_mm3
         return Deformation(
-            self._beads @ skin[:-1].reshape(-1, 3),
+            self._beads @ field.displacement_mm,
             skin,
-            force,
+            field.force_per_mu_mm2 * self.scale**2,
             None if torsion is None else torsion * self.scale**3,
         )
 

@@ -1,9 +1,12 @@
 """Training samples of the packaged dome model: presses of the field library, measured by random sensors.
 
 Layout, bead positions, camera pose and noise vary between sensors as between real ones; presses vary in
-position, depth and slide. Further presses, which teach the torsion alone, vary in twist too. The last ones
-are kept in three dimensions, for the camera of the sensor that is calibrated. `palpate-host simulate dome
-model` writes the file.
+position, depth and slide. Further presses, which teach the torsion alone, vary in twist too.
+
+Presses of other places, twists and walls of uneven stiffness are kept in three dimensions, for the camera of
+the sensor that is calibrated. Of presses that are spread evenly over the dome one in a hundred is within
+8 deg of the apex, where grasps begin: further ones are near it. `palpate-host simulate dome model` writes the
+file.
 """
 
 from __future__ import annotations
@@ -20,15 +23,18 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
 from palpate_twin.dome import field_grid
-from palpate_twin.dome.library import FieldLibrary
+from palpate_twin.dome.library import Field, FieldLibrary
 from palpate_twin.dome.probe import Probe
+from palpate_twin.dome.uneven_wall import UnevenWall, random_stiffness
 
 SENSORS = 24
 TWISTED_SENSORS = 12
 PRESSES_A_SENSOR = 50
-SOLID_PRESSES = 300
+SOLID_PRESSES, APEX_PRESSES = 900, 240
+UNEVEN_WALLS, PRESSES_A_WALL, UNEVENNESS = 10, 30, 0.15
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
+APEX_THETA_RAD = np.radians(20.0)
 LEAST_DEPTH_SHARE = 0.01
 PLATE_SHARE = 0.6  # share of presses by the plate; the others use any probe of the library
 MOST_SLIDE_SHARE = 0.4
@@ -68,18 +74,44 @@ def dome_samples(
 
 
 def solid_presses(library: FieldLibrary, rng: np.random.Generator) -> SolidPresses:
-    """Return `SOLID_PRESSES` presses at azimuth 0, on the library's own directions."""
-    points = field_grid.ring_directions()
-    contacts = [
-        _random_contact(library, rng, twisted=False)._replace(azimuth_rad=0.0) for _ in range(SOLID_PRESSES)
+    """Return `SOLID_PRESSES` presses of an even wall, `APEX_PRESSES` near its apex, and `PRESSES_A_WALL` of
+    each uneven wall, at azimuth 0 on the library's own directions."""
+    parts = [
+        *(_solid_press(library, rng) for _ in range(SOLID_PRESSES)),
+        *(_solid_press(library, rng, near_apex=True) for _ in range(APEX_PRESSES)),
     ]
-    fields = [library.field(points, *contact) for contact in contacts]
+    points = field_grid.ring_directions()
+    for _ in range(UNEVEN_WALLS):
+        stiffness = random_stiffness(UNEVENNESS, int(rng.integers(2**31)))
+        points_mm = field_grid.BEAD_RADIUS_MM * points
+        wall = UnevenWall(stiffness, points_mm, library.outer_radius_mm, library.wall_mm)
+        parts += [_solid_press(library, rng, wall) for _ in range(PRESSES_A_WALL)]
+    fields, directions = zip(*parts, strict=True)
     return SolidPresses(
         points,
         np.array([field.displacement_mm for field in fields]),
-        np.array([contact.direction for contact in contacts]),
+        np.array(directions),
         np.array([field.force_per_mu_mm2 for field in fields]),
+        np.array([field.torsion_per_mu_mm3 for field in fields]),
     )
+
+
+def _solid_press(
+    library: FieldLibrary,
+    rng: np.random.Generator,
+    wall: UnevenWall | None = None,
+    *,
+    near_apex: bool = False,
+) -> tuple[Field, Array]:
+    """Return the field of a press at azimuth 0, and its direction (3,)."""
+    contact = _random_contact(library, rng, twisted=True, near_apex=near_apex)._replace(azimuth_rad=0.0)
+    field = library.solved(
+        contact.theta_rad, contact.depth_mm, contact.shear_mm, contact.probe, contact.twist_rad
+    )
+    if wall is not None:
+        change = wall.change(contact.theta_rad, 0.0, contact.depth_mm, contact.shear_mm, contact.probe)
+        field = change.of(field)
+    return field, contact.direction
 
 
 def _one_sensor(library: FieldLibrary, rng: np.random.Generator, *, twisted: bool = False) -> Samples:
@@ -141,11 +173,17 @@ class _Contact(NamedTuple):
         return np.array([x, y, np.cos(self.theta_rad)])
 
 
-def _random_contact(library: FieldLibrary, rng: np.random.Generator, *, twisted: bool) -> _Contact:
+def _random_contact(
+    library: FieldLibrary, rng: np.random.Generator, *, twisted: bool, near_apex: bool = False
+) -> _Contact:
+    """Return a contact at a random place of the dome or, by uniform angles, near its apex."""
     probe = (
         Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
     )
-    theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
+    if near_apex:
+        theta = float(rng.uniform(0.0, APEX_THETA_RAD))
+    else:
+        theta = float(np.arccos(rng.uniform(np.cos(MOST_THETA_RAD), 1.0)))
     azimuth, slide_direction = rng.uniform(0, 2 * np.pi, 2)
     depth_mm = float(rng.uniform(LEAST_DEPTH_SHARE, 1.0)) * library.largest_depth_mm(theta, probe)
     slide_share = float(rng.uniform(0, MOST_SLIDE_SHARE))

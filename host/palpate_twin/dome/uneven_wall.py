@@ -20,6 +20,7 @@ from scipy.sparse.linalg import splu
 from palpate_edge.common.arrays import Array
 from palpate_twin.dome.elasticity import Solid
 from palpate_twin.dome.friction_contact import NORMAL_PENALTY, TANGENT_PENALTY
+from palpate_twin.dome.library import Field
 from palpate_twin.dome.mesh import DomeMesh, Resolution, dome_mesh
 from palpate_twin.dome.press import directions
 from palpate_twin.dome.probe import Probe
@@ -56,6 +57,16 @@ class WallChange:
 
     displacement: Array
     force: Array
+
+    def of(self, even: Field) -> Field:
+        """Return the field of the even wall, at the change's points, as the uneven one's."""
+        size_mm = np.sqrt((even.displacement_mm**2).sum(axis=1).mean())
+        even_force = float(np.linalg.norm(even.force_per_mu_mm2))
+        force = even.force_per_mu_mm2 + even_force * self.force
+        torsion = even.torsion_per_mu_mm3
+        if torsion is not None and even_force > 0:  # of the same stretch of wall as the force
+            torsion *= float(np.linalg.norm(force)) / even_force
+        return Field(even.displacement_mm + size_mm * self.displacement, force, torsion)
 
 
 class UnevenWall:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.seen_presses import also_seen_by, seen_by
+from palpate_edge.calibration.seen_presses import seen_by
 from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, canonical_directions
@@ -33,7 +33,8 @@ def sensor(distance_mm: float) -> tuple[DisplacementReader, View]:
 
 def model(motion_mm: Array, points: Array) -> DomeModel:
     """Return a dome model whose only press in three dimensions moves the points by `motion_mm`."""
-    solid = SolidPresses(points, motion_mm[None], np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -2.0]]))
+    inwards = np.array([[0.0, 0.0, -2.0]])
+    solid = SolidPresses(points, motion_mm[None], -inwards / 2, inwards, np.array([3.0]))
     width = 2 * len(canonical_directions())
     return DomeModel(np.ones((1, width)), np.eye(3)[2:], -np.eye(3)[2:], RADIUS_MM, None, solid)
 
@@ -85,16 +86,17 @@ def test_a_model_without_presses_in_three_dimensions_stays() -> None:
     width = 2 * len(canonical_directions())
     dome = DomeModel(np.ones((1, width)), np.eye(3)[2:], -np.eye(3)[2:], RADIUS_MM)
     assert seen_by(*sensor(45.0), dome) is dome
-    assert also_seen_by(*sensor(45.0), dome) is dome
 
 
-def test_presses_seen_stand_after_the_others_and_answer_alone() -> None:
+def test_presses_seen_teach_the_torsion_and_are_sized_with_the_dome() -> None:
     points = sphere(9.0, 81.0)
     dome = model(-0.5 * points, points)
-    seen, both = seen_by(*sensor(45.0), dome), also_seen_by(*sensor(45.0), dome)
-    assert (len(dome.fields), len(seen.fields), len(both.fields)) == (1, 2, 3)
-    assert (both.fields[:1] == dome.fields).all()
-    for sized in (both.for_markers(20.0), both):
-        assert sized.directions[sized.answering] == pytest.approx(seen.directions)
-    assert both.fields[both.answering] == pytest.approx(seen.fields)
-    assert dome.answering == slice(0, None)
+    seen = seen_by(*sensor(45.0), dome)
+    assert seen.is_seen
+    assert not dome.is_seen
+    assert seen.twisted is not None
+    assert seen.twisted.torsions == pytest.approx([3.0, -3.0])  # of the press and its mirror image
+    assert (seen.twisted.fields == seen.fields).all()
+    smaller = dome.for_markers(RADIUS_MM / 2).solid
+    assert smaller is not None
+    assert smaller.torsions == pytest.approx([3.0 / 8])  # a force's square of the size, and its arm

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from palpate_edge.calibration.seen_presses import also_seen_by, seen_by
+from palpate_edge.calibration.seen_presses import seen_by
 from palpate_edge.calibration.training.dome_model import load_dome_model, save_dome_model
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.samples import Samples
@@ -25,6 +25,10 @@ def small():
         patch.setattr(maker, "SENSORS", 4)
         patch.setattr(maker, "TWISTED_SENSORS", 1)
         patch.setattr(maker, "PRESSES_A_SENSOR", 25)
+        patch.setattr(maker, "SOLID_PRESSES", 20)
+        patch.setattr(maker, "APEX_PRESSES", 30)
+        patch.setattr(maker, "UNEVEN_WALLS", 1)
+        patch.setattr(maker, "PRESSES_A_WALL", 10)
         dome = maker.dome_samples(load_library(), 3, lambda *step: steps.append(step))
     return dome, steps
 
@@ -40,6 +44,19 @@ def test_shapes_and_ranges(small):
     assert np.isfinite(dome.fields).all()
     assert dome.twisted.fields.shape == (50, dome.fields.shape[1])
     assert dome.twisted.torsions[::2] == pytest.approx(-dome.twisted.torsions[1::2])  # mirror images
+
+
+def test_presses_in_three_dimensions_are_even_near_the_apex_and_of_uneven_walls(small):
+    solid = small[0].solid
+    assert len(solid.motions) == len(solid.forces) == len(solid.torsions) == 20 + 30 + 10
+    theta = np.arccos(solid.directions[:, 2])
+    assert theta[20:50].max() < maker.APEX_THETA_RAD
+    assert np.median(theta[:20]) > maker.APEX_THETA_RAD
+    assert np.abs(solid.torsions).min() > 0
+    assert np.isfinite(solid.motions).all()
+    mirror = maker.field_grid.mirror_order()
+    unlike = [motion[mirror] * (1, -1, 1) - motion for motion in solid.motions]
+    assert all(np.abs(difference).max() > 1e-3 for difference in unlike)  # by slides, twists and walls
 
 
 def test_probes_push_and_hardly_pull_aside(small):
@@ -137,7 +154,7 @@ def test_a_close_camera_with_no_own_press_near_the_apex_answers_there(close_sens
     apex = some(samples, (theta_deg < 15) & (samples.faintness < 1.5))
     dome = load_dome_model()
     found = []
-    for model in (dome, also_seen_by(reader, view, dome)):
+    for model in (dome, seen_by(reader, view, dome)):
         regression = fit(own, model, 30.0)
         direction, _, _ = regression.predict(apex.fields, apex.hidden)
         place_mm = 30.0 * np.linalg.norm(direction - apex.directions, axis=1)

@@ -66,9 +66,8 @@ def fit_answer_field(
         plain = np.flatnonzero(samples.plain)
         parts.append((samples.fields, samples.directions, samples.forces_N, plain, OWN_RIDGE))
     if dome is not None:
-        usable = np.arange(len(dome.fields))[dome.answering]
-        ridge = SEEN_RIDGE if dome.seen else DOME_RIDGE
-        parts.append((dome.fields, dome.directions, dome.forces, usable, ridge))
+        ridge = SEEN_RIDGE if dome.is_seen else DOME_RIDGE
+        parts.append((dome.fields, dome.directions, dome.forces, np.arange(len(dome.fields)), ridge))
     centres, shapes, ridges = [], [], []
     for fields, directions, forces, usable, ridge in parts:
         some = usable[evenly_forced(forces[usable])]

@@ -25,7 +25,8 @@ SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "markers_radius_mm")
 # A file may have none of these two groups.
 TWISTED_NAMES = ("twisted_fields", "torsions")  # of presses whose torsion is known
-SOLID_NAMES = ("points", "motions", "solid_directions", "solid_forces")  # of presses in three dimensions
+SOLID_NAMES = ("points", "modes", "amounts", "solid_directions", "solid_forces", "solid_torsions")
+MODES = 120  # principal motions that a file keeps: 0.1 % of a press's motion is left
 # What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
 DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 
@@ -42,20 +43,22 @@ class TwistedPresses:
 @dataclass(frozen=True, slots=True)
 class SolidPresses:
     """s presses in three dimensions, not yet seen by a camera: motions (s, d, 3) mm of the beads' sphere at
-    the unit vectors points (d, 3), directions (s, 3) of contact, at azimuth 0, and forces (s, 3)."""
+    the unit vectors points (d, 3), directions (s, 3) of contact, at azimuth 0, forces (s, 3), and torsions
+    (s,) about the inward normal."""
 
     points: Array
     motions: Array
     directions: Array
     forces: Array
+    torsions: Array
 
 
 @dataclass(frozen=True, slots=True)
 class DomeModel:
     """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
-    frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the torsion
-    alone, None where none is known. solid: further presses for `seen_presses`, None without them. seen: how
-    many of the n presses, the last ones, are as the camera of the sensor at hand shows them."""
+    frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the
+    torsion, None where none is known. solid: further presses for `seen_presses`, None without them. is_seen:
+    whether the n presses are as the camera of the sensor at hand shows them."""
 
     fields: Array
     directions: Array
@@ -63,12 +66,7 @@ class DomeModel:
     markers_radius_mm: float
     twisted: TwistedPresses | None = None
     solid: SolidPresses | None = None
-    seen: int = 0
-
-    @property
-    def answering(self) -> slice:
-        """The presses from which the field of a contact is learned: those seen, or all without them."""
-        return slice(-self.seen, None)
+    is_seen: bool = False
 
     def for_markers(self, radius_mm: float) -> DomeModel:
         """The same dome in another size: motions grow with it, forces with its square, torsions with its
@@ -79,7 +77,13 @@ class DomeModel:
             twisted = TwistedPresses(twisted.fields * ratio, twisted.torsions * ratio**3)
         solid = self.solid
         if solid is not None:
-            solid = replace(solid, motions=solid.motions * ratio, forces=solid.forces * ratio**2)
+            solid = SolidPresses(
+                solid.points,
+                solid.motions * ratio,
+                solid.directions,
+                solid.forces * ratio**2,
+                solid.torsions * ratio**3,
+            )
         return replace(
             self,
             fields=self.fields * ratio,
@@ -110,15 +114,39 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
             f"{path} is no dome model ({error}): make it with palpate-edge train"
         ) from None
     _check(arrays, path)
-    twisted, solid = ([arrays[n] for n in names if n in arrays] for names in (TWISTED_NAMES, SOLID_NAMES))
+    twisted = [arrays[name] for name in TWISTED_NAMES if name in arrays]
     return DomeModel(
         arrays["fields"],
         arrays["directions"],
         arrays["forces"],
         float(arrays["markers_radius_mm"]),
         TwistedPresses(*twisted) if twisted else None,
-        SolidPresses(*solid) if solid else None,
+        _solid_presses(arrays),
     )
+
+
+def _solid_presses(arrays: dict[str, Array]) -> SolidPresses | None:
+    """Return a file's presses in three dimensions, None if it has none."""
+    if "points" not in arrays:
+        return None
+    motions = np.tensordot(arrays["amounts"], arrays["modes"], 1)
+    return SolidPresses(
+        arrays["points"],
+        motions,
+        arrays["solid_directions"],
+        arrays["solid_forces"],
+        arrays["solid_torsions"],
+    )
+
+
+def _principal_motions(motions: Array) -> tuple[Array, Array]:
+    """Return at most `MODES` modes (k, d, 3) and the amounts (s, k) of them in motions (s, d, 3), none of
+    which is zero. Each press counts alike, however light."""
+    rows = motions.reshape(len(motions), -1)
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    shapes, spread, modes = np.linalg.svd(rows / size, full_matrices=False)
+    amounts = size * shapes[:, :MODES] * spread[:MODES]
+    return modes[:MODES].reshape(-1, *motions.shape[1:]), amounts
 
 
 def _check(arrays: dict[str, Array], path: Path) -> None:
@@ -137,11 +165,14 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
         }
     if "points" in arrays:
         points, presses = arrays["points"].size // 3, arrays["solid_forces"].size // 3
+        modes = arrays["modes"].size // max(1, 3 * points)
         shapes |= {
             "points": (points, 3),
-            "motions": (presses, points, 3),
+            "modes": (modes, points, 3),
+            "amounts": (presses, modes),
             "solid_directions": (presses, 3),
             "solid_forces": (presses, 3),
+            "solid_torsions": (presses,),
         }
     if any(array.shape != shapes[name] for name, array in arrays.items()):
         raise CalibrationError(f"{path} is of another version: make it again with palpate-edge train")
@@ -165,8 +196,10 @@ def save_dome_model(dome: DomeModel, path: Path) -> None:
         arrays["torsions"] = dome.twisted.torsions.astype(np.float32)
     if dome.solid is not None:
         arrays["points"] = dome.solid.points.astype(np.float32)
-        arrays["motions"] = dome.solid.motions.astype(np.float16)
+        modes, amounts = _principal_motions(dome.solid.motions)
+        arrays["modes"], arrays["amounts"] = modes.astype(np.float16), amounts.astype(np.float16)
         arrays["solid_directions"] = dome.solid.directions.astype(np.float32)
         arrays["solid_forces"] = dome.solid.forces.astype(np.float32)
+        arrays["solid_torsions"] = dome.solid.torsions.astype(np.float32)
     with atomic_file(path, CalibrationError) as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ from palpate_edge.vision.beads import Beads
 
 TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
 MAX_HIDDEN = 0.3
+REGION_SHARE = 0.25  # of copies that hide neighbours; a contact among them would teach nothing
+FAR_COSINE = math.cos(math.radians(40.0))  # between the contact and each of those neighbours
 MOST_SAMPLES = 2000
 MOST_COPIES = 8
 MIRROR = np.array([1.0, -1.0, 1.0])
@@ -120,8 +123,10 @@ def make_samples(
     vary_all: bool = False,
 ) -> Samples:
     """Every press in turned, partly hidden copies, the first as it is unless `vary_all`; each with its
-    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given."""
-    rng = np.random.default_rng(seed)
+    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given. Where all vary no
+    region is hidden."""
+    rng, (unit, _) = np.random.default_rng(seed), reader.geometry
+    region_share = 0.0 if vary_all else REGION_SHARE
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []
@@ -130,7 +135,8 @@ def make_samples(
         for copy in range(copies):
             beads, turn = press.beads, 0.0
             if copy or vary_all:
-                beads, turn = _hide(press.beads, rng), float(TURN_SIGMA_RAD * rng.standard_normal())
+                beads = _hide(press.beads, unit, press.direction, rng, region_share)
+                turn = float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
             to_canonical = rotation_about_z(field.azimuth_rad).T
             direction = to_canonical @ press.direction
@@ -156,10 +162,20 @@ def make_samples(
     )
 
 
-def _hide(beads: Beads, rng: np.random.Generator) -> Beads:
-    """The same beads with up to `MAX_HIDDEN` of them not found."""
+def _hide(
+    beads: Beads, unit: Array, direction: Array, rng: np.random.Generator, region_share: float
+) -> Beads:
+    """The same beads with up to `MAX_HIDDEN` of them not found: any ones or, with a probability of
+    `region_share`, neighbours that are not at the contact.
+
+    unit (n, 3), direction (3,): of the beads and the contact, from the dome's centre.
+    """
     count = len(beads.found)
     lost = rng.permutation(count)[: int(rng.uniform(0.0, MAX_HIDDEN) * count)]
+    if len(lost) and rng.uniform() < region_share:
+        region = np.argsort(-(unit @ unit[lost[0]]))[: len(lost)]
+        if (unit[region] @ direction).max() < FAR_COSINE:
+            lost = region
     found = beads.found.copy()
     found[lost] = False
     return Beads.from_positions(beads.position_px, found)

@@ -16,17 +16,21 @@ from palpate_edge.estimation.pose.kernel_expansion import packed
 KEPT = 60  # fields; those of the twin's domes leave 0.5 % of the displacement's variance
 TURNS = 24  # azimuths
 DOME_PRESSES = 200.0  # own presses that weigh as much as the whole dome model
+# The same where fields only fill in hidden beads: nothing is smoothed, and exact presses teach well.
+KEPT_TO_FILL, DOME_PRESSES_TO_FILL = 100, 20.0
 LEAST_REMAINDER = 1e-6
 
 
-def typical_fields(reader: DisplacementReader, own: Array, dome: Array) -> TypicalFields:
+def typical_fields(
+    reader: DisplacementReader, own: Array, dome: Array, *, smooths_all: bool
+) -> TypicalFields:
     """Return the principal fields of a sensor's own presses (m, 2 g), m >= 0, and the dome model's (n, 2 g).
 
-    reader: of the sensor's beads; own: read without typical fields.
+    reader: of the sensor's beads; own: read without typical fields; smooths_all: see TypicalFields.
     """
     second_moment = _second_moment(dome)
     if len(own):
-        share = len(own) / (len(own) + DOME_PRESSES)
+        share = len(own) / (len(own) + (DOME_PRESSES if smooths_all else DOME_PRESSES_TO_FILL))
         both = np.concatenate([own, mirrored(own)])
         second_moment = (1 - share) * second_moment + share * _second_moment(both)
     beads, mm_per_px = reader.geometry
@@ -37,9 +41,10 @@ def typical_fields(reader: DisplacementReader, own: Array, dome: Array) -> Typic
         covariance += seen @ second_moment @ seen.T
     variance, fields = np.linalg.eigh(covariance / np.trace(covariance) * len(covariance))
     variance, fields = variance[::-1], fields[:, ::-1]
-    kept = min(KEPT, int(np.count_nonzero(variance > LEAST_REMAINDER)))
+    most = KEPT if smooths_all else KEPT_TO_FILL
+    kept = min(most, int(np.count_nonzero(variance > LEAST_REMAINDER)))
     remainder = max(float(variance[kept:].sum()) / len(variance), LEAST_REMAINDER)
-    return TypicalFields(packed(fields[:, :kept]), packed(variance[:kept]), remainder)
+    return TypicalFields(packed(fields[:, :kept]), packed(variance[:kept]), remainder, smooths_all)
 
 
 def _second_moment(fields: Array) -> Array:

@@ -39,7 +39,7 @@ class Sensor:
         view = View(CAMERA, CameraPose())
         self.rest_px = view.project(beads_mm)
         plain = DisplacementReader(self.rest_px, view, RADIUS_MM)
-        typical = typical_fields(plain, self.dome.fields[:0], self.dome.fields)
+        typical = typical_fields(plain, self.dome.fields[:0], self.dome.fields, smooths_all=True)
         self.reader = DisplacementReader(self.rest_px, view, RADIUS_MM, NOISE_PX, typical)
         self.unit, mm_per_px = self.reader.geometry
         self.px_per_mm = np.linalg.pinv(mm_per_px)

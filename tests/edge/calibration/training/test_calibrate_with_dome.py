@@ -81,7 +81,13 @@ def test_hidden_beads_double_the_error_at_most(sample, sample_calibration):
     measured = measure(sample, sample.split("test"))
     radius_mm = sample.sensor.markers.radius_mm
     view = View(sample_calibration.sensor.camera, sample_calibration.pose)
-    reader = DisplacementReader(sample_calibration.reference().position_px, view, radius_mm)
+    reader = DisplacementReader(
+        sample_calibration.reference().position_px,
+        view,
+        radius_mm,
+        sample_calibration.noise_px,
+        sample_calibration.typical_fields,
+    )
     model = CorrectionModel(sample_calibration.model, sample_calibration.sensor.fingerprint())
     rng = np.random.default_rng(5)
     errors_mm, radii_mm = [], []

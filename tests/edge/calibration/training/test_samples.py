@@ -12,6 +12,7 @@ from palpate_edge.calibration.training.samples import (
     MAX_HIDDEN,
     MOST_COPIES,
     MOST_SAMPLES,
+    REGION_SHARE,
     TrainingPress,
     make_samples,
     training_presses,
@@ -91,6 +92,29 @@ def test_no_more_beads_are_hidden_than_stated(drawn_dome, drawn_calibration, pre
     view = View(drawn_calibration.sensor.camera, drawn_calibration.pose)
     make_samples(Noted(drawn_dome.project(drawn_dome.beads_mm()), view, 26.5), presses)
     assert 0.0 < max(shares) <= MAX_HIDDEN
+
+
+def test_some_copies_hide_a_region_that_is_not_at_the_contact(drawn_dome, drawn_calibration, presses):
+    view = View(drawn_calibration.sensor.camera, drawn_calibration.pose)
+    hidden = []
+
+    class Noted(DisplacementReader):
+        def read(self, beads, turn_rad=0.0):
+            hidden.append(~beads.found)
+            return super().read(beads, turn_rad)
+
+    reader = Noted(drawn_dome.project(drawn_dome.beads_mm()), view, 26.5)
+    make_samples(reader, presses, copies=40)
+    unit = reader.geometry[0]
+    at = [press.direction for press in presses for _ in range(40)]
+    regions = 0
+    for lost, direction in zip(hidden, at, strict=True):
+        if (
+            lost.sum() >= 8 and (unit[lost] @ unit[lost].mean(axis=0)).min() > 0.8
+        ):  # random beads are all around
+            regions += 1
+            assert (unit[lost] @ direction).max() < np.cos(np.radians(39))
+    assert 0.02 * len(hidden) < regions < REGION_SHARE * len(hidden)
 
 
 def test_one_seed_gives_the_same_samples_and_another_others(reader, presses):

@@ -16,6 +16,8 @@ from palpate_edge.estimation.displacement_field import (
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Camera, CameraPose, Markers, Ring, View, bead_layout_mm
 from palpate_edge.vision.beads import Beads
+from palpate_twin.dome.library import load_library
+from palpate_twin.dome.probe import Probe
 
 RADIUS_MM = 26.5
 CAMERA = Camera(640, 480, (380.0, 380.0, 320.0, 240.0), (0.0, 0.0, -45.0))
@@ -41,7 +43,7 @@ def test_interpolation_gives_the_canonical_field_back_at_its_own_directions():
 def test_typical_fields_are_orthonormal_and_leave_little_of_any_contact(reader):
     dome = load_dome_model()
     taught, other = dome.fields[:1200], dome.fields[1200:]
-    typical = typical_fields(reader, np.empty((0, taught.shape[1])), taught)
+    typical = typical_fields(reader, np.empty((0, taught.shape[1])), taught, smooths_all=True)
     fields = typical.fields.array().astype(np.float64)
     assert fields.shape == (2 * 85, KEPT)
     assert fields.T @ fields == pytest.approx(np.eye(KEPT), abs=1e-5)
@@ -64,7 +66,7 @@ def test_own_presses_add_their_fields(reader):
     strange_px = np.vecdot(np.linalg.pinv(mm_per_px), (interpolation(beads, 0.0) @ own[0])[:, None]).ravel()
     left = []
     for presses in (own[:0], own):
-        fields = typical_fields(reader, presses, dome).fields.array()
+        fields = typical_fields(reader, presses, dome, smooths_all=True).fields.array()
         rest_px = strange_px - fields @ (strange_px @ fields)
         left.append((rest_px @ rest_px) / (strange_px @ strange_px))
     assert left[1] < 0.5 * left[0]
@@ -72,7 +74,7 @@ def test_own_presses_add_their_fields(reader):
 
 def test_a_faint_contact_on_noisy_beads_is_read_more_exactly(reader):
     dome = load_dome_model().fields
-    typical = typical_fields(reader, dome[:0], dome[:1200])
+    typical = typical_fields(reader, dome[:0], dome[:1200], smooths_all=True)
     beads, mm_per_px = reader.geometry
     view, random = View(CAMERA, CameraPose()), np.random.default_rng(1)
     rest_px = view.project(beads * RADIUS_MM)
@@ -88,3 +90,26 @@ def test_a_faint_contact_on_noisy_beads_is_read_more_exactly(reader):
             values = some.read(Beads.from_positions(seen_px, np.ones(85, np.bool_))).values
             found.append(np.linalg.norm(values - true) / np.linalg.norm(true))
     assert np.median(errors[smoothing]) < 0.9 * np.median(errors[plain])
+
+
+def test_where_beads_are_exact_typical_fields_only_fill_in_hidden_ones(reader):
+    """Contacts of the finite-element library, solved at the beads themselves."""
+    library, dome = load_library(), load_dome_model().fields
+    typical = typical_fields(reader, dome[:0], dome, smooths_all=False)
+    view, random = View(CAMERA, CameraPose()), np.random.default_rng(2)
+    beads_mm = reader.geometry[0] * RADIUS_MM
+    rest_px = view.project(beads_mm)
+    plain, filling = (DisplacementReader(rest_px, view, RADIUS_MM, 0.02, some) for some in (None, typical))
+    errors = {plain: [], filling: []}
+    for _ in range(40):
+        theta_rad, azimuth_rad = random.uniform(0.0, 1.2), random.uniform(0.0, 2 * np.pi)
+        depth_mm = random.uniform(0.2, 1.0) * library.largest_depth_mm(theta_rad, Probe.PLATE)
+        field = library.field(beads_mm / RADIUS_MM, theta_rad, depth_mm, (0.0, 0.0), azimuth_rad)
+        place_px = view.project(beads_mm + field.displacement_mm)
+        whole = Beads.from_positions(place_px, np.ones(85, np.bool_))
+        true = plain.read(whole).values
+        assert (filling.read(whole).values == true).all()
+        partly = Beads.from_positions(place_px, random.permutation(85) >= 25)
+        for some, found in errors.items():
+            found.append(np.linalg.norm(some.read(partly).values - true) / np.linalg.norm(true))
+    assert np.mean(errors[filling]) < 0.8 * np.mean(errors[plain])
