@@ -25,6 +25,7 @@ pytestmark = pytest.mark.slow
 
 FREE_S, CONVERGED_S, LASTS_S = 25.0, 60.0, 150.0  # without chrony, until the clocks must agree, altogether
 BOOT_S = 300.0  # on a busy machine
+MEASUREMENTS = 3  # at most: another one where the computer let a guest stand still, as no board does
 MOST_APART_S = 1e-3
 MOST_ERROR_S = 0.25e-3  # an exchange that was delayed more is left out
 HOST = ("2020-01-01 00:00:00", -20.0)  # no board has a battery; crystals are within 50 ppm
@@ -58,18 +59,23 @@ def offsets(
         pytest.skip(reason)
     if shutil.which("cc") is None:
         pytest.skip("gcc is missing: make system-deps")
-    folder = tmp_path_factory.mktemp("clocks")
     host = ClockGuest("host", chrony_files["hand"], HOST[1], HOST[0])
     boards = [ClockGuest(name, chrony_files[name], ppm, at) for name, (at, ppm) in FINGERTIPS.items()]
-    with clock_guests(folder, packaged_card, host, boards, LASTS_S) as guests:
-        end_s = time.monotonic() + BOOT_S
-        while not all(exact(guests.offsets(name)[-1:], FREE_S) for name in FINGERTIPS):
-            assert time.monotonic() < end_s, "no exchange"
-            time.sleep(0.5)
-        started_s = max(guests.offsets(name)[-1]["at_s"] for name in FINGERTIPS)
-        guests.start_chrony()
-        guests.wait(LASTS_S + BOOT_S)
-        return started_s, {name: guests.offsets(name) for name in FINGERTIPS}
+    for _ in range(MEASUREMENTS):
+        folder = tmp_path_factory.mktemp("clocks")
+        with clock_guests(folder, packaged_card, host, boards, LASTS_S) as guests:
+            end_s = time.monotonic() + BOOT_S
+            while not all(exact(guests.offsets(name)[-1:], FREE_S) for name in FINGERTIPS):
+                assert time.monotonic() < end_s, "no exchange"
+                time.sleep(0.5)
+            started_s = max(guests.offsets(name)[-1]["at_s"] for name in FINGERTIPS)
+            guests.start_chrony()
+            still_s = guests.wait(LASTS_S + BOOT_S)
+            rows = {name: guests.offsets(name) for name in FINGERTIPS}
+        if not still_s:
+            break
+        print(f"a guest stood still for {still_s:.1f} s")
+    return started_s, rows
 
 
 def exact(rows: list[dict[str, float]], begin_s: float, end_s: float = math.inf) -> list[dict[str, float]]:

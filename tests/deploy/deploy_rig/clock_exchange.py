@@ -1,7 +1,8 @@
 """Exchange of time stamps between two boards; runs on the boards, with Python's own library.
 
 A board answers with the times of receipt and reply (`serve`). The asking one sends SAMPLES questions a round
-and keeps the one with the shortest way: the error of its offset is at most half of that way.
+and keeps the one with the shortest way: the error of its offset is at most half of that way. A guest also
+notes when it stood still (`watch`), because the computer outside was busy.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 import json
 import socket
 import struct
+import threading
 import time
 from pathlib import Path
 
 PORT, SAMPLES, TIMEOUT_S, PERIOD_S = 9123, 40, 0.5, 2.0
+NAP_S, STOOD_STILL_S = 0.05, 0.5
 ANSWER = struct.Struct("!Qqq")  # number of the question, times of receipt and reply, ns
 SHARED = Path("/run/shared")
 
@@ -44,6 +47,17 @@ def ask(port: socket.socket, address: str, number: int) -> tuple[float, float] |
     return way_ns * 1e-9, (received_ns - sent_ns + replied_ns - back_ns) * 0.5e-9
 
 
+def watch() -> None:
+    """Write for how long the board stood still, s, each time that a nap lasts too long."""
+    while True:
+        begin_s = time.monotonic()
+        time.sleep(NAP_S)
+        still_s = time.monotonic() - begin_s - NAP_S
+        if still_s > STOOD_STILL_S:
+            with (SHARED / "stood-still").open("a") as file:
+                file.write(f"{still_s:.2f}\n")
+
+
 def measure(addresses: list[str], lasts_s: float) -> None:
     """Write a line of JSON for each round and board: seconds since the start, offset, half of the way, s."""
     begin_s, number = time.monotonic(), 0
@@ -68,6 +82,7 @@ def measure(addresses: list[str], lasts_s: float) -> None:
 
 
 if __name__ == "__main__":
+    threading.Thread(target=watch, daemon=True).start()
     task = json.loads((SHARED / "task.json").read_text())
     if task["addresses"]:
         measure(task["addresses"], task["lasts_s"])

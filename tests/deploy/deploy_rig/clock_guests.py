@@ -47,12 +47,17 @@ class ClockGuests:
 
     def start_chrony(self) -> None:
         """Start chrony on the boards; on the host it runs from the beginning."""
+        for note in self._folder.glob("*/stood-still"):
+            note.unlink()
         for board in self._boards:
             (self._folder / board.name / "go").touch()
 
-    def wait(self, patience_s: float) -> None:
-        """Wait for the end of the exchange."""
+    def wait(self, patience_s: float) -> float:
+        """Wait for the end of the exchange; return the longest time, s, that a guest stood still since
+        `start_chrony`, 0 if none did for long."""
         self._host.wait(patience_s)
+        notes = [note.read_text().split() for note in self._folder.glob("*/stood-still")]
+        return max((float(still_s) for note in notes for still_s in note), default=0.0)
 
 
 @contextmanager
