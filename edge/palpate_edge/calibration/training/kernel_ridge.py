@@ -47,7 +47,7 @@ LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
-HIDDEN_NOISE = 4.0  # of a blind spot of 1: what fills in hidden beads is less exact than they are
+HIDDEN_NOISE = 2.0  # of a blind spot of 1: what fills in hidden beads is less exact than they are
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
 
