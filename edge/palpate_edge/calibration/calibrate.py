@@ -261,6 +261,7 @@ def _train(
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
     from palpate_edge.calibration.training.place_stiffness import fit_place_stiffness  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
+        REGION_SHARE,
         make_samples,
         training_presses,
         weighed_samples,
@@ -270,7 +271,7 @@ def _train(
     reader = _reader(sensor, measured, typical)
     presses = training_presses(measured)
     regression = fit(
-        make_samples(reader, presses) if presses else None,
+        make_samples(reader, presses, region_share=REGION_SHARE) if presses else None,
         dome.for_markers(radius_mm),
         sensor.dome.outer_radius_mm,
         lambda done, steps: progress(TRAINING_STEPS * done // steps),

@@ -19,8 +19,8 @@ from palpate_edge.vision.beads import Beads
 
 TURN_SIGMA_RAD = 0.15  # a shear or noise turns the motion's centre of gravity by about this much
 MAX_HIDDEN = 0.3
-REGION_SHARE = 0.25  # of copies that hide neighbours; a contact among them would teach nothing
-FAR_COSINE = math.cos(math.radians(40.0))  # between the contact and each of those neighbours
+REGION_SHARE = 0.25  # of the copies of a sensor's own presses: the radius is then right for hidden regions
+FAR_COSINE = math.cos(math.radians(40.0))  # between the contact and each bead of such a region
 MOST_SAMPLES = 2000
 MOST_COPIES = 8
 MIRROR = np.array([1.0, -1.0, 1.0])
@@ -121,12 +121,12 @@ def make_samples(
     copies: int | None = None,
     *,
     vary_all: bool = False,
+    region_share: float = 0.0,
 ) -> Samples:
     """Every press in turned, partly hidden copies, the first as it is unless `vary_all`; each with its
-    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given. Where all vary no
-    region is hidden."""
+    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given; region_share: of
+    the copies that hide a region."""
     rng, (unit, _) = np.random.default_rng(seed), reader.geometry
-    region_share = 0.0 if vary_all else REGION_SHARE
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []

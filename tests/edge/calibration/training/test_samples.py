@@ -104,7 +104,7 @@ def test_some_copies_hide_a_region_that_is_not_at_the_contact(drawn_dome, drawn_
             return super().read(beads, turn_rad)
 
     reader = Noted(drawn_dome.project(drawn_dome.beads_mm()), view, 26.5)
-    make_samples(reader, presses, copies=40)
+    make_samples(reader, presses, copies=40, region_share=REGION_SHARE)
     unit = reader.geometry[0]
     at = [press.direction for press in presses for _ in range(40)]
     regions = 0
