@@ -47,7 +47,6 @@ LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
-HIDDEN_NOISE = 2.0  # of a blind spot of 1: what fills in hidden beads is less exact than they are
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
 
 
@@ -245,13 +244,13 @@ def _fit_own(
 
     All settings take part, those the most that predict left-out presses best: the best one alone is a matter
     of chance with few presses. The ridge is the noise of a firm press; that of a faint one is as many times
-    as large as its error may be (motion.faintness), squared, and larger where beads are hidden.
+    as large as its error may be (motion.faintness), squared.
     """
     points = projection.points(samples.fields)
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
-    noise = np.diag((samples.faintness * (1.0 + HIDDEN_NOISE * samples.hidden)) ** 2)
+    noise = np.diag(samples.faintness**2)
     fitted, held_out = [], []
     for length in LENGTHS:
         gram = gaussian_kernel(points, points, length)
