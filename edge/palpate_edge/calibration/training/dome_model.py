@@ -77,12 +77,11 @@ class DomeModel:
             twisted = TwistedPresses(twisted.fields * ratio, twisted.torsions * ratio**3)
         solid = self.solid
         if solid is not None:
-            solid = SolidPresses(
-                solid.points,
-                solid.motions * ratio,
-                solid.directions,
-                solid.forces * ratio**2,
-                solid.torsions * ratio**3,
+            solid = replace(
+                solid,
+                motions=solid.motions * ratio,
+                forces=solid.forces * ratio**2,
+                torsions=solid.torsions * ratio**3,
             )
         return replace(
             self,
