@@ -117,6 +117,7 @@ def _source(
         jig,
         measured.touched_references,
         measured.moved_references,
+        measured.copied_references,
     )
 
 
