@@ -259,23 +259,29 @@ def held(
 
 
 def shake_table(results: Sequence[Held]) -> str:
-    """Return a Markdown table with a row per name: the largest value of its runs, and how many lost it."""
+    """Return a Markdown table with a row per name: the largest values of the runs that kept the object, the
+    longest slip of all, and how many lost it."""
     lines = [
         "| what | orientation deg | place mm: most | 1 s after the push | at the end | slip mm | lost |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
     for name in dict.fromkeys(result.name for result in results):
         runs = [result for result in results if result.name == name]
-        laters = [run.moved_later_mm for run in runs if run.moved_later_mm is not None]
-        lost = [run for run in runs if run.lost_s is not None]
+        kept = [run for run in runs if run.lost_s is None]
+        lost = len(runs) - len(kept)
         cells = [
             name,
-            f"{max(run.error_deg for run in runs):.2f}",
-            f"{max(run.moved_most_mm for run in runs):.1f}",
-            f"{max(laters):.1f}" if laters else "",
-            f"{max(run.moved_last_mm for run in runs):.1f}",
-            f"{max(run.slip_mm for run in runs):.2f}",
-            f"{len(lost)} of {len(runs)}" if lost else "",
+            _largest([run.error_deg for run in kept], 2),
+            _largest([run.moved_most_mm for run in kept], 1),
+            _largest([run.moved_later_mm for run in kept if run.moved_later_mm is not None], 1),
+            _largest([run.moved_last_mm for run in kept], 1),
+            _largest([run.slip_mm for run in runs], 2),
+            f"{lost} of {len(runs)}" if lost else "",
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _largest(values: Sequence[float], digits: int) -> str:
+    """Return the largest of the values, empty without any."""
+    return f"{max(values):.{digits}f}" if values else ""

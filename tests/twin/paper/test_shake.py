@@ -123,16 +123,18 @@ def test_the_pose_law_holds_against_a_push_in_the_whole_chain():
     assert held.slip_mm < 0.3
 
 
-def test_a_row_has_the_worst_of_its_directions():
+def test_a_row_has_the_worst_of_its_directions_that_kept_the_object():
     runs = [
         Held("push 1 N", 0.5, 2.0, 1.0, 0.9, 0.1, None),
         Held("push 1 N", 0.2, 3.0, 0.5, 0.4, 0.3, 1.5),
         Held("own weight", 0.0, 4.0, None, 4.0, 0.0, None),
+        Held("steady 1 N", 3.0, 9837.4, None, 9837.4, 59.7, 0.4),
     ]
     rows = shake_table(runs).splitlines()[2:]
     assert rows == [
-        "| push 1 N | 0.50 | 3.0 | 1.0 | 0.9 | 0.30 | 1 of 2 |",
+        "| push 1 N | 0.50 | 2.0 | 1.0 | 0.9 | 0.30 | 1 of 2 |",
         "| own weight | 0.00 | 4.0 |  | 4.0 | 0.00 |  |",
+        "| steady 1 N |  |  |  |  | 59.70 | 1 of 1 |",
     ]
 
 
