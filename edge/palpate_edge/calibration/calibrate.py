@@ -117,7 +117,6 @@ def _source(
         jig,
         measured.touched_references,
         measured.moved_references,
-        measured.copied_references,
     )
 
 

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.calibration.fit_choice import choose_fit
-from palpate_edge.calibration.reference_frames import compare_references, copies
+from palpate_edge.calibration.reference_frames import compare_references
 from palpate_edge.common.arrays import Array, Image
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_sized_image
@@ -52,8 +52,7 @@ class Measured:
     threshold_px: skin motion above which something touches; threshold_N: the normal force that makes it where
     the dome is stiffest, None where no press's force is known; dropped: the frames left out, by reason;
     bead_noise_px: standard deviation of an exact bead's place along an axis; touched_references,
-    moved_references: names of reference frames that differ from the others; copied_references: of those whose
-    pixels are all equal to those of an earlier one.
+    moved_references: names of reference frames that differ from the others.
     """
 
     registration: Registration
@@ -66,7 +65,6 @@ class Measured:
     bead_noise_px: float = 0.0
     touched_references: tuple[str, ...] = ()
     moved_references: tuple[str, ...] = ()
-    copied_references: tuple[str, ...] = ()
 
     @property
     def is_inexact(self) -> bool:
@@ -137,7 +135,6 @@ def measure(
         bead_noise_px(rest, reference.position_px),
         tuple(names[index] for index in faults.touched),
         tuple(names[index] for index in faults.moved),
-        tuple(names[index] for index in copies(images)),
     )
 
 

@@ -4,20 +4,15 @@ Reference frames show the untouched dome. A touch in some of them raises the con
 beads' places at rest. Drift (a camera that moves, a holder that warms up) displaces all beads by an affine
 map; what remains of the displacement is that of a touch. Touches are found in less than half of the frames;
 one that is the same in all frames cannot be found in this way.
-
-Each frame also shows the camera's noise, above which the contact threshold lies; copies of one picture show
-none.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices
+from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.estimation.skin_motion import AVERAGING_LENGTH
 from palpate_edge.vision.neighbourhood import Neighbourhood, row_normalised
 
@@ -48,18 +43,6 @@ def compare_references(places_px: Array) -> ReferenceFaults:
     limit_px = max(LEAST_TOUCH_PX, TOUCH_OVER_USUAL * float(np.quantile(touch, 0.25)))
     is_touched = touch > limit_px
     return ReferenceFaults(np.flatnonzero(is_touched), np.flatnonzero(~is_touched & (drift > LEAST_DRIFT_PX)))
-
-
-def copies(images: Sequence[Image]) -> list[int]:
-    """Return the indices of images whose pixels are all equal to those of an earlier one."""
-    seen: set[bytes] = set()
-    repeated = []
-    for index, image in enumerate(images):
-        content = hashlib.sha256(image.tobytes()).digest()
-        if content in seen:
-            repeated.append(index)
-        seen.add(content)
-    return repeated
 
 
 def _affine(places_px: Array) -> Array:

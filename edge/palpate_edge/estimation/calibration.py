@@ -83,9 +83,8 @@ class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     that were used; dropped: what was left out; weighed_spread_percent: what the model misses the weighed
     forces by, in % of the largest, None when the stiffness is not from them; regions: errors of presses left
     out in turn, empty with too few; jig: errors of presses through a jig, None without one;
-    touched_references, moved_references: names of reference frames that differ from the others;
-    copied_references: of those that are copies of an earlier one. Files of earlier versions lack the last
-    fields.
+    touched_references, moved_references: names of reference frames that differ from the others. Files of
+    earlier versions lack the last fields.
     """
 
     dataset: str
@@ -98,7 +97,6 @@ class CalibrationSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     jig: JigErrors | None = None
     touched_references: tuple[str, ...] = ()
     moved_references: tuple[str, ...] = ()
-    copied_references: tuple[str, ...] = ()
 
 
 class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -22,8 +22,6 @@ def report_judgement(calibration: Calibration) -> Judgement:
     source, spread_percent = calibration.source, calibration.source.weighed_spread_percent
     if source.touched_references or source.moved_references:
         text = _reference_fault(source)
-    elif source.copied_references:
-        text = _copied_references(source)
     elif not calibration.model:
         text = "only the paper's method: pip install 'palpate[train]' gives the correction model"
     elif _residual_diameters(calibration) > POOR_RESIDUAL_DIAMETERS:
@@ -52,24 +50,11 @@ def _reference_fault(source: CalibrationSource) -> str:
     names, what = source.touched_references, "the dome was touched or released there"
     if not names:
         names, what = source.moved_references, "the camera or the sensor moved there"
+    listed = ", ".join(names[:NAMED_FRAMES]) + (", ..." if len(names) > NAMED_FRAMES else "")
     return (
-        f"{len(names)} of {source.reference_frames} reference frames differ from the others "
-        f"({_listed(names)}): {what}; take them again with the dome untouched, or delete these"
+        f"{len(names)} of {source.reference_frames} reference frames differ from the others ({listed}): "
+        f"{what}; take them again with the dome untouched, or delete these"
     )
-
-
-def _copied_references(source: CalibrationSource) -> str:
-    """Return which reference frames are copies, and what to do."""
-    names = source.copied_references
-    return (
-        f"{len(names)} of {source.reference_frames} reference frames are copies of others "
-        f"({_listed(names)}): they show no noise of the camera, and the contact threshold is too small; "
-        "take them again"
-    )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:NAMED_FRAMES]) + (", ..." if len(names) > NAMED_FRAMES else "")
 
 
 def _judge_jig(jig: JigErrors) -> Judgement:

@@ -241,17 +241,3 @@ def test_calibrate_names_reference_frames_with_a_touch(bench, tmp_path):
     judgement = report_judgement(calibration)
     assert judgement.verdict is Verdict.WARN
     assert "2 of 8 reference frames differ from the others (002.png, 005.png)" in judgement.text
-
-
-def test_calibrate_names_reference_frames_that_are_copies(bench, tmp_path):
-    folder = tmp_path / "dome"
-    bench.files(folder)
-    (folder / "reference").mkdir()
-    for number in range(8):
-        image = bench.at_rest(0 if number in (3, 4) else number)
-        cv2.imwrite(str(folder / "reference" / f"{number:03}.png"), image)
-    calibration = calibrate(read_dataset(folder), dome=load_dome_model())
-    assert calibration.source.copied_references == ("003.png", "004.png")
-    judgement = report_judgement(calibration)
-    assert judgement.verdict is Verdict.WARN
-    assert "2 of 8 reference frames are copies of others (003.png, 004.png)" in judgement.text
