@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,7 @@ from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
 if TYPE_CHECKING:
     from palpate_edge.calibration.training.kernel_ridge import Regression
+    from palpate_edge.calibration.training.samples import TrainingPress
 
 Progress = Callable[[int, int], None]  # done, total
 
@@ -259,7 +260,7 @@ def _train(
     from palpate_edge.calibration.contact_fit.combined_place import fit_combined_place  # noqa: PLC0415
     from palpate_edge.calibration.training.kernel_ridge import fit  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.onnx_export import export  # noqa: PLC0415
-    from palpate_edge.calibration.training.place_stiffness import fit_place_stiffness  # noqa: PLC0415
+    from palpate_edge.calibration.training.place_stiffness import refit_evenly  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import (  # noqa: PLC0415
         REGION_SHARE,
         make_samples,
@@ -270,20 +271,26 @@ def _train(
     radius_mm = sensor.markers.radius_mm
     reader = _reader(sensor, measured, typical)
     presses = training_presses(measured)
-    regression = fit(
-        make_samples(reader, presses, region_share=REGION_SHARE) if presses else None,
-        dome.for_markers(radius_mm),
-        sensor.dome.outer_radius_mm,
-        lambda done, steps: progress(TRAINING_STEPS * done // steps),
-        weighed_samples(measured, reader),
-        open_rad,
+
+    def fit_to(touches: Sequence[TrainingPress], report: Progress = lambda _done, _total: None) -> Regression:
+        return fit(
+            make_samples(reader, touches, region_share=REGION_SHARE) if touches else None,
+            dome.for_markers(radius_mm),
+            sensor.dome.outer_radius_mm,
+            report,
+            weighed_samples(measured, reader),
+            open_rad,
+        )
+
+    regression, stiffness = refit_evenly(
+        fit_to(presses, lambda done, steps: progress(TRAINING_STEPS * done // steps)),
+        presses,
+        fit_to,
     )
     place_stiffness: PlaceStiffness | msgspec.UnsetType = msgspec.UNSET
-    if regression.left_out is not None and regression.left_out.samples.has_forces:
-        stiffness = fit_place_stiffness(regression.left_out, presses)
-        if stiffness is not None:
-            place_stiffness = stiffness.stiffness
-            regression = replace(regression, force95=stiffness.force95)
+    if stiffness is not None:
+        place_stiffness = stiffness.stiffness
+        regression = replace(regression, force95=stiffness.force95)
     trained = _Trained(
         export(regression, sensor.fingerprint(), dome.fields), regression, place_stiffness=place_stiffness
     )

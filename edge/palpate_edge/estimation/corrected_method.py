@@ -45,8 +45,7 @@ class CorrectedMethod:
             result = self._improved(self._fitter, result, field, record)
         (x, y, z), (x_N, y_N, z_N) = result.direction, result.force_N
         if self._stiffness is not None:
-            ratio = self._stiffness.ratio(result.direction)
-            x_N, y_N, z_N = ratio * x_N, ratio * y_N, ratio * z_N
+            x_N, y_N, z_N = self._stiffness.corrected(result.direction, result.force_N)
         radius_mm = self._dome_radius_mm
         position = radius_mm * x, radius_mm * y, radius_mm * z
         located = LocatedContact(

@@ -46,7 +46,8 @@ def test_the_stiffness_by_place_is_read_back_and_a_file_without_it_is_one_of_an_
     drawn_calibration, tmp_path
 ):
     numbers = [packed(np.full(shape, 0.25)) for shape in ((5, 3), (3, 3), (5, 1), (1,))]
-    stiffness = PlaceStiffness(numbers[0], Expansion(*numbers[1:]))
+    slant = Expansion(numbers[1], *(packed(np.full(shape, 0.5)) for shape in ((5, 3), (3,))))
+    stiffness = PlaceStiffness(numbers[0], Expansion(*numbers[1:]), slant)
     save_calibration(
         msgspec.structs.replace(drawn_calibration, place_stiffness=stiffness), tmp_path / "a.cal"
     )
@@ -54,6 +55,12 @@ def test_the_stiffness_by_place_is_read_back_and_a_file_without_it_is_one_of_an_
     save_calibration(drawn_calibration, tmp_path / "b.cal")
     assert b"place_stiffness" not in (tmp_path / "b.cal").read_bytes()
     assert load_calibration(tmp_path / "b.cal").place_stiffness is msgspec.UNSET
+    before_slants = msgspec.structs.replace(stiffness, slant=msgspec.UNSET)
+    save_calibration(
+        msgspec.structs.replace(drawn_calibration, place_stiffness=before_slants), tmp_path / "c.cal"
+    )
+    assert b"slant" not in (tmp_path / "c.cal").read_bytes()
+    assert load_calibration(tmp_path / "c.cal").place_stiffness == before_slants
 
 
 def test_saving_again_gives_the_same_bytes(drawn_calibration, drawn_calibration_file, tmp_path):

@@ -145,13 +145,14 @@ def test_torn_frames_are_refused(shared_data, sample_calibration, effort):
         assert estimator.estimate(Frame(whole, 0, 2 * number + 1, press.frame)).valid, press.frame
 
 
-def test_the_stiffness_by_place_scales_forces_alone(shared_data, sample_calibration):
-    """A wall that is stiffer towards +x, by one kernel about that side."""
+def test_the_stiffness_by_place_changes_forces_alone(shared_data, sample_calibration):
+    """A wall that is stiffer towards +x, by one kernel about that side, and pushes presses towards +y."""
     sample = read_dataset(shared_data("press-sample"))
     centre, length, weight = np.array([[1.0, 0.0, 0.0]]), 1.2, 0.4
     expansion = Expansion(*(packed(each) for each in (np.eye(3) / length, np.array([[weight]]), np.zeros(1))))
+    to_side = Expansion(*(packed(each) for each in (np.eye(3), np.zeros((1, 3)), np.array([0.0, 0.1, 0.0]))))
     uneven = msgspec.structs.replace(
-        sample_calibration, place_stiffness=PlaceStiffness(packed(centre), expansion)
+        sample_calibration, place_stiffness=PlaceStiffness(packed(centre), expansion, to_side)
     )
     even = msgspec.structs.replace(sample_calibration, place_stiffness=msgspec.UNSET)
     before, after = Estimator(even), Estimator(uneven)
@@ -160,7 +161,10 @@ def test_the_stiffness_by_place_scales_forces_alone(shared_data, sample_calibrat
         frame = Frame(read_image(sample.path(press), grey=True), 33_333 * number, number, press.frame)
         one, other = before.estimate(frame), after.estimate(frame)
         assert one.position_mm == other.position_mm and one.force95_N == other.force95_N
-        from_centre = np.array(one.position_mm) / np.linalg.norm(one.position_mm) - centre[0]
+        normal = np.array(one.position_mm) / np.linalg.norm(one.position_mm)
+        from_centre = normal - centre[0]
         ratio = math.exp(weight * math.exp(-0.5 * float(from_centre @ from_centre) / length**2))
-        np.testing.assert_allclose(other.force_N, ratio * np.array(one.force_N), rtol=1e-5)
+        along = np.array([0.0, 0.1, 0.0]) - 0.1 * normal[1] * normal
+        expected_N = ratio * (np.array(one.force_N) + np.linalg.norm(one.force_N) * along)
+        np.testing.assert_allclose(other.force_N, expected_N, rtol=1e-5, atol=1e-7)
         assert other.normal_force_N == pytest.approx(ratio * one.normal_force_N, rel=1e-5)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from palpate_edge.calibration.training import place_stiffness
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
+from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.left_out import LeftOut
-from palpate_edge.calibration.training.place_stiffness import fit_place_stiffness
+from palpate_edge.calibration.training.place_stiffness import evened, fit_place_stiffness, refit_evenly
 from palpate_edge.calibration.training.samples import Samples, TrainingPress
 from palpate_edge.calibration.training.uncertainty.confidence_radius import constant_radius
 from palpate_edge.common.arrays import Array
@@ -25,8 +28,11 @@ def directions(count: int, seed: int) -> Array:
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
 
 
-def left_out(ratio: Array, seed: int, noise: float = 0.02) -> tuple[LeftOut, list[TrainingPress]]:
-    """Presses whose true forces are `ratio` (c,) times the model's, but for noise.
+def left_out(
+    ratio: Array, seed: int, noise: float = 0.02, slant: Array | float = 0.0
+) -> tuple[LeftOut, list[TrainingPress]]:
+    """Presses whose true forces are `ratio` (c,) times the model's, but for noise, and `slant` (c, 3) times
+    their size beside it.
 
     Canonical frames are turned about z by any angle, and each press has its mirror image.
     """
@@ -36,6 +42,7 @@ def left_out(ratio: Array, seed: int, noise: float = 0.02) -> tuple[LeftOut, lis
     fields = random.uniform(0.2, 2.0, (count, 1)) * np.ones((count, 4))
     forces_N = -random.uniform(0.2, 3.0, (count, 1)) * places + 0.1 * random.standard_normal((count, 3))
     given_N = forces_N / (ratio * np.exp(noise * random.standard_normal(count)))[:, None]
+    forces_N = forces_N + np.linalg.norm(forces_N, axis=1, keepdims=True) * slant
     angle = random.uniform(-np.pi, np.pi, count)
     cos, sin = np.cos(angle), np.sin(angle)
 
@@ -99,16 +106,109 @@ def test_what_is_left_of_a_press_is_what_a_fit_without_it_leaves(monkeypatch):
     monkeypatch.setattr(place_stiffness, "AMPLITUDES", (0.1,))
     monkeypatch.setattr(place_stiffness, "NOISES", (0.05,))
     random = np.random.default_rng(2)
-    places, log_ratio, noise = directions(12, 2), 0.1 * random.standard_normal(12), random.uniform(1, 3, 12)
+    places, noise = directions(12, 2), random.uniform(1, 3, 12)
+    values = [0.1 * random.standard_normal((12, columns)) for columns in (1, 3)]
     smooth = gaussian_kernel(places, places, 0.6)
-    posterior = place_stiffness._posterior(smooth, log_ratio, noise)
+    posteriors = place_stiffness._posteriors(0.6, smooth, values, noise)
     for press in range(12):
         rest = np.arange(12) != press
-        without = place_stiffness._posterior(smooth[np.ix_(rest, rest)], log_ratio[rest], noise[rest])
-        expected = smooth[press, rest] @ without.weights + without.offset
-        assert posterior.left_over[press] == pytest.approx(log_ratio[press] - expected, abs=1e-12)
+        others = [each[rest] for each in values]
+        without = place_stiffness._posteriors(0.6, smooth[np.ix_(rest, rest)], others, noise[rest])
+        for each, posterior, fewer in zip(values, posteriors, without, strict=True):
+            expected = smooth[press, rest] @ fewer.weights + fewer.offset
+            np.testing.assert_allclose(posterior.left_over[press], each[press] - expected, atol=1e-12)
 
 
 def test_forces_that_the_model_gives_rightly_are_left_alone():
     right, presses = left_out(np.ones(30), 6, noise=0.0)
     assert fit_place_stiffness(right, presses) is None
+
+
+def pushed_aside(at: Array) -> Array:
+    """Slants (n, 3) of a wall that pushes presses from +x to -x, the more the nearer they are to +y."""
+    to_side = np.array([-1.0, 0.0, 0.0]) * (0.1 + 0.1 * at[:, 1:2])
+    return np.asarray(to_side - np.vecdot(to_side, at)[:, None] * at)
+
+
+def test_slants_are_learned():
+    places, elsewhere = directions(150, 3), directions(50, 4)
+    found = fit_place_stiffness(*left_out(stiffer_to_one_side(places), 3, slant=pushed_aside(places)))
+    assert found is not None
+    wall = StiffnessMap(found.stiffness)
+    given = np.array([wall.slant(tuple(map(float, place))) for place in elsewhere])
+    assert np.vecdot(given, elsewhere) == pytest.approx(0.0, abs=1e-6)
+    off = given - pushed_aside(elsewhere)
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.02
+
+
+def test_a_wall_without_slants_has_none():
+    found = fit_place_stiffness(*left_out(stiffer_to_one_side(directions(150, 3)), 3))
+    assert found is not None
+    assert StiffnessMap(found.stiffness).slant((0.6, 0.0, 0.8)) == (0.0, 0.0, 0.0)
+
+
+def test_evened_forces_become_the_true_ones_on_the_wall_that_was_learned():
+    """But for the square of the slant, 0.04 at most."""
+    places = directions(150, 3)
+    out, presses = left_out(stiffer_to_one_side(places), 3, slant=pushed_aside(places))
+    found = fit_place_stiffness(out, presses)
+    assert found is not None
+    wall = StiffnessMap(found.stiffness)
+    for press, even in zip(presses, evened(presses, found.stiffness), strict=True):
+        place, force_N = tuple(map(float, press.direction)), np.asarray(press.force_N)
+        again_N = np.array(wall.corrected(place, tuple(map(float, even.force_N))))
+        assert np.linalg.norm(again_N - force_N) < 0.04 * np.linalg.norm(force_N)
+        assert np.linalg.norm(even.force_N - force_N) > 0
+
+
+class UnevenSensor:
+    """Presses of the conftest's problem, seen in canonical frames: at azimuth 0 each."""
+
+    def __init__(self, problem, ratio, count: int = 150) -> None:
+        even = problem.samples(count, 7)
+        across = np.hypot(even.directions[:, 0], even.directions[:, 1])
+        self.samples = replace(
+            even, directions=np.stack([across, np.zeros(count), even.directions[:, 2]], axis=1)
+        )
+        depth_mm = np.linalg.norm(even.forces_N, axis=1, keepdims=True)
+        self.samples = replace(
+            self.samples,
+            fields=depth_mm * np.sin(self.samples.directions @ problem.waves + problem.phase),
+            forces_N=-depth_mm * self.samples.directions,
+        )
+        places = even.directions
+        forces = even.forces_N * ratio(places)[:, None]
+        self.presses = [TrainingPress(NO_BEADS, *one) for one in zip(places, forces, strict=True)]
+
+    def fit(self, presses):
+        """The model of presses, whose canonical forces are turned back to azimuth 0."""
+        size_N = np.array([np.linalg.norm(press.force_N) for press in presses])[:, None]
+        return fit(replace(self.samples, forces_N=-size_N * self.samples.directions), None, 30.0)
+
+    def even_error_N(self, model) -> float:
+        _, given_N, _ = model.predict(self.samples.fields, self.samples.hidden)
+        return float(np.linalg.norm(given_N - self.samples.forces_N, axis=1).mean())
+
+
+def test_on_an_uneven_wall_the_model_is_fitted_again_to_an_even_one(problem):
+    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]))
+    once = sensor.fit(sensor.presses)
+    alone = fit_place_stiffness(once.left_out, sensor.presses)
+    model, stiffness = refit_evenly(once, sensor.presses, sensor.fit)
+    assert model is not once and alone is not None and stiffness is not None
+    assert stiffness.miss_N < alone.miss_N and stiffness.gain > alone.gain
+    assert sensor.even_error_N(model) < 0.8 * sensor.even_error_N(once)
+
+
+def test_on_an_even_wall_the_model_stays(problem):
+    sensor = UnevenSensor(problem, lambda at: np.ones(len(at)))
+    once = sensor.fit(sensor.presses)
+    model, _ = refit_evenly(once, sensor.presses, sensor.fit)
+    assert model is once
+
+
+def test_presses_without_forces_show_no_stiffness(problem):
+    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]))
+    once = sensor.fit(sensor.presses)
+    unknown = [replace(press, force_N=None) for press in sensor.presses]
+    assert refit_evenly(once, unknown, sensor.fit) == (once, None)
