@@ -158,10 +158,11 @@ def fit(
         return regression
     error_mm = _position_error_mm(left_out, samples, radius_mm)
     forces_N = _forces_N(left_out, samples)
+    dome_N = None if base is None else _forces_N(base.at(projection.points(samples.fields)), samples)
     regression = replace(
         regression,
         regions=region_errors(samples, error_mm, radius.held),
-        left_out=LeftOut(samples, _unit(left_out[:, :3]), forces_N, radius),
+        left_out=LeftOut(samples, _unit(left_out[:, :3]), forces_N, radius, dome_N),
     )
     if has_forces:
         regression = replace(regression, force95=fit_interval(force_misses_N(forces_N, samples), samples))

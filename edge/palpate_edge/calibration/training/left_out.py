@@ -16,13 +16,15 @@ class LeftOut:
     """Predictions of samples by models that have not seen their press.
 
     samples: with forces assumed where they are unknown; directions (s, 3): unit vectors, and forces_N (s, 3),
-    in the canonical frame; radius: with left-out radii of the samples.
+    in the canonical frame; radius: with left-out radii of the samples; dome_N (s, 3): forces that the dome
+    model alone gives on this sensor, None without one.
     """
 
     samples: Samples
     directions: Array
     forces_N: Array
     radius: ConfidenceRadius
+    dome_N: Array | None = None
 
 
 def force_misses_N(forces_N: Array, samples: Samples) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.calibration.training import place_stiffness
+from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.kernel_ridge import fit
 from palpate_edge.calibration.training.left_out import LeftOut
@@ -161,37 +162,42 @@ def test_evened_forces_become_the_true_ones_on_the_wall_that_was_learned():
         assert np.linalg.norm(even.force_N - force_N) > 0
 
 
-class UnevenSensor:
-    """Presses of the conftest's problem, seen in canonical frames: at azimuth 0 each."""
+def canonical(problem, count: int, seed: int) -> tuple[Samples, Array]:
+    """Presses of the conftest's problem turned to azimuth 0, and their places."""
+    found = problem.samples(count, seed)
+    places, depth_mm = found.directions, np.linalg.norm(found.forces_N, axis=1, keepdims=True)
+    turned = np.stack([np.hypot(places[:, 0], places[:, 1]), np.zeros(count), places[:, 2]], axis=1)
+    fields = depth_mm * np.sin(turned @ problem.waves + problem.phase)
+    return replace(found, directions=turned, fields=fields, forces_N=-depth_mm * turned), places
 
-    def __init__(self, problem, ratio, count: int = 150) -> None:
-        even = problem.samples(count, 7)
-        across = np.hypot(even.directions[:, 0], even.directions[:, 1])
-        self.samples = replace(
-            even, directions=np.stack([across, np.zeros(count), even.directions[:, 2]], axis=1)
-        )
-        depth_mm = np.linalg.norm(even.forces_N, axis=1, keepdims=True)
-        self.samples = replace(
-            self.samples,
-            fields=depth_mm * np.sin(self.samples.directions @ problem.waves + problem.phase),
-            forces_N=-depth_mm * self.samples.directions,
-        )
-        places = even.directions
-        forces = even.forces_N * ratio(places)[:, None]
-        self.presses = [TrainingPress(NO_BEADS, *one) for one in zip(places, forces, strict=True)]
+
+class UnevenSensor:
+    """A sensor whose forces are `ratio` of the place times those of an even wall."""
+
+    def __init__(self, problem, ratio, *, with_dome: bool) -> None:
+        self.samples, places = canonical(problem, 150, 7)
+        self.dome = None
+        if with_dome:
+            dome, _ = canonical(problem, 60, 8)
+            self.dome = DomeModel(dome.fields, dome.directions, dome.forces_N, 30.0)
+        size_N = np.linalg.norm(self.samples.forces_N, axis=1) * ratio(places)
+        self.presses = [
+            TrainingPress(NO_BEADS, *one) for one in zip(places, -size_N[:, None] * places, strict=True)
+        ]
 
     def fit(self, presses):
         """The model of presses, whose canonical forces are turned back to azimuth 0."""
         size_N = np.array([np.linalg.norm(press.force_N) for press in presses])[:, None]
-        return fit(replace(self.samples, forces_N=-size_N * self.samples.directions), None, 30.0)
+        return fit(replace(self.samples, forces_N=-size_N * self.samples.directions), self.dome, 30.0)
 
     def even_error_N(self, model) -> float:
         _, given_N, _ = model.predict(self.samples.fields, self.samples.hidden)
         return float(np.linalg.norm(given_N - self.samples.forces_N, axis=1).mean())
 
 
-def test_on_an_uneven_wall_the_model_is_fitted_again_to_an_even_one(problem):
-    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]))
+@pytest.mark.parametrize("with_dome", [False, True])
+def test_on_an_uneven_wall_the_model_is_fitted_again_to_an_even_one(problem, with_dome):
+    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]), with_dome=with_dome)
     once = sensor.fit(sensor.presses)
     alone = fit_place_stiffness(once.left_out, sensor.presses)
     model, stiffness = refit_evenly(once, sensor.presses, sensor.fit)
@@ -200,15 +206,29 @@ def test_on_an_uneven_wall_the_model_is_fitted_again_to_an_even_one(problem):
     assert sensor.even_error_N(model) < 0.8 * sensor.even_error_N(once)
 
 
+def test_the_dome_model_shows_a_wall_that_the_sensors_own_model_hides(problem, monkeypatch):
+    """As if the sensor's own presses left no stiffness over."""
+    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]), with_dome=True)
+    once = sensor.fit(sensor.presses)
+    hides = place_stiffness.fit_place_stiffness
+    monkeypatch.setattr(
+        place_stiffness,
+        "fit_place_stiffness",
+        lambda out, presses: None if out is once.left_out else hides(out, presses),
+    )
+    model, stiffness = refit_evenly(once, sensor.presses, sensor.fit)
+    assert model is not once and stiffness is not None
+
+
 def test_on_an_even_wall_the_model_stays(problem):
-    sensor = UnevenSensor(problem, lambda at: np.ones(len(at)))
+    sensor = UnevenSensor(problem, lambda at: np.ones(len(at)), with_dome=True)
     once = sensor.fit(sensor.presses)
     model, _ = refit_evenly(once, sensor.presses, sensor.fit)
     assert model is once
 
 
 def test_presses_without_forces_show_no_stiffness(problem):
-    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]))
+    sensor = UnevenSensor(problem, lambda at: np.exp(0.3 * at[:, 0]), with_dome=False)
     once = sensor.fit(sensor.presses)
     unknown = [replace(press, force_N=None) for press in sensor.presses]
     assert refit_evenly(once, unknown, sensor.fit) == (once, None)
