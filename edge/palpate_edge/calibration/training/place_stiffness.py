@@ -184,5 +184,8 @@ def _posteriors(length: float, smooth: Array, values: Sequence[Array], noise: Ar
             logs[number].append(0.5 * (each.shape[1] * log_determinant - float((each * pull).sum())))
             left_over = pull / inverse.diagonal()[:, None]
             found[number].append((amplitude**2 * pull, COMMON**2 * pull.sum(axis=0), left_over))
-    means = (mean_by_evidence(*one) for one in zip(logs, found, strict=True))
-    return [_Mean(length, *arrays, log_evidence) for arrays, log_evidence in means]
+    posteriors = []
+    for each_logs, each_found in zip(logs, found, strict=True):
+        (weights, offset, left_over), log_evidence = mean_by_evidence(each_logs, each_found)
+        posteriors.append(_Mean(length, weights, offset, left_over, log_evidence))
+    return posteriors

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate_edge.calibration.training.samples import Samples, TrainingPress
 from palpate_edge.common.arrays import Array
@@ -20,22 +21,20 @@ def frames_in_sensor(samples: Samples, presses: Sequence[TrainingPress]) -> Arra
 
     The presses have known forces: place and force show the turn.
     """
-    of = samples.press
-    places, forces = _places(presses)[of], _unit(_forces_N(presses))[of]
-    canonical = samples.directions, _unit(samples.forces_N)
-    turns = [
-        sum(
-            _complex(known) * np.conj(_complex(own * (1.0, flip, 1.0)))
-            for known, own in zip((places, forces), canonical, strict=True)
-        )
-        for flip in (1.0, -1.0)
-    ]
-    is_mirrored = np.abs(turns[1]) > np.abs(turns[0])
-    angle, flip = np.angle(np.where(is_mirrored, turns[1], turns[0])), np.where(is_mirrored, -1.0, 1.0)
+    places, forces = _places(presses)[samples.press], _unit(_forces_N(presses))[samples.press]
+    own = _unit(samples.forces_N)
+    plain, mirrored = (
+        _complex(places) * np.conj(_complex(samples.directions * (1.0, sign, 1.0)))
+        + _complex(forces) * np.conj(_complex(own * (1.0, sign, 1.0)))
+        for sign in (1.0, -1.0)
+    )
+    is_mirrored = np.abs(mirrored) > np.abs(plain)
+    angle = np.angle(np.where(is_mirrored, mirrored, plain))
     frames = np.zeros((len(angle), 3, 3))
-    frames[:, 0, 0], frames[:, 0, 1] = np.cos(angle), -flip * np.sin(angle)
-    frames[:, 1, 0], frames[:, 1, 1] = np.sin(angle), flip * np.cos(angle)
+    frames[:, 0, 0], frames[:, 0, 1] = np.cos(angle), -np.sin(angle)
+    frames[:, 1, 0], frames[:, 1, 1] = np.sin(angle), np.cos(angle)
     frames[:, 2, 2] = 1.0
+    frames[is_mirrored, :, 1] *= -1.0
     return frames
 
 
@@ -75,8 +74,8 @@ def _unit(vectors: Array) -> Array:
 
 
 def _size(vectors: Array) -> Array:
-    return np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), LEAST_SIZE)
+    return np.asarray(np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), LEAST_SIZE))
 
 
-def _complex(vectors: Array) -> np.ndarray:
+def _complex(vectors: Array) -> NDArray[np.complex128]:
     return np.asarray(vectors[:, 0] + 1j * vectors[:, 1])
