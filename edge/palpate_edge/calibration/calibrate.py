@@ -270,15 +270,16 @@ def _train(
 
     radius_mm = sensor.markers.radius_mm
     reader = _reader(sensor, measured, typical)
-    presses = training_presses(measured)
+    presses, weighed = training_presses(measured), weighed_samples(measured, reader)
+    of_size = dome.for_markers(radius_mm)
 
     def fit_to(touches: Sequence[TrainingPress], report: Progress = lambda _done, _total: None) -> Regression:
         return fit(
             make_samples(reader, touches, region_share=REGION_SHARE) if touches else None,
-            dome.for_markers(radius_mm),
+            of_size,
             sensor.dome.outer_radius_mm,
             report,
-            weighed_samples(measured, reader),
+            weighed,
             open_rad,
         )
 
@@ -300,7 +301,7 @@ def _train(
         reader,
         measured.bead_noise_px,
         presses,
-        dome.for_markers(radius_mm),
+        of_size,
         regression,
         sensor.dome.outer_radius_mm,
     )

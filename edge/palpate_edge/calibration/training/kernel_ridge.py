@@ -23,7 +23,7 @@ from palpate_edge.calibration.training.apex_stiffness import (
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.inverse_factor import inverse_factor
-from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N
+from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N, mean_miss_N
 from palpate_edge.calibration.training.projection import Projection, fit_projection
 from palpate_edge.calibration.training.samples import Samples, WeighedSamples
 from palpate_edge.calibration.training.torsion import KnownTorsions, fit_torsion
@@ -134,8 +134,11 @@ def fit(
     progress(1, 1 + SETTINGS)
     own: list[TrainedExpansion] = []
     radius, left_out = constant_radius(radius_mm, open_rad), None
+    given = None
     if samples is not None and taught:
-        own, radius, left_out = _fit_own(projection, base, samples, radius_mm, progress)
+        points = projection.points(samples.fields)
+        given = None if base is None else base.at(points)
+        own, radius, left_out = _fit_own(points, given, samples, radius_mm, progress)
     answer_field = fit_answer_field(projection.mean, projection.components, samples, dome)
     strange = None
     if own and samples is not None and dome is not None:
@@ -158,7 +161,7 @@ def fit(
         return regression
     error_mm = _position_error_mm(left_out, samples, radius_mm)
     forces_N = _forces_N(left_out, samples)
-    dome_N = None if base is None else _forces_N(base.at(projection.points(samples.fields)), samples)
+    dome_N = None if given is None else _forces_N(given, samples)
     regression = replace(
         regression,
         regions=region_errors(samples, error_mm, radius.held),
@@ -234,8 +237,8 @@ def _stiffness_scale(projection: Projection, base: TrainedExpansion, samples: Sa
 
 
 def _fit_own(
-    projection: Projection,
-    base: TrainedExpansion | None,
+    points: Array,
+    given: Array | None,
     samples: Samples,
     radius_mm: float,
     progress: Callable[[int, int], None],
@@ -243,14 +246,14 @@ def _fit_own(
     """The sensor's own expansions with the log radius, one a length; how far left-out presses were missed,
     and their predicted targets (s, 6).
 
+    points (s, q) of the samples; given (s, 6): targets by the dome model, None without one.
     All settings take part, those the most that predict left-out presses best: the best one alone is a matter
     of chance with few presses. The ridge is the noise of a firm press; that of a faint one is as many times
     as large as its error may be (motion.faintness), squared.
     """
-    points = projection.points(samples.fields)
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
-    known = np.broadcast_to(target.mean(axis=0), target.shape) if base is None else base.at(points)
+    known = np.broadcast_to(target.mean(axis=0), target.shape) if given is None else given
     noise = np.diag(samples.faintness**2)
     fitted, held_out = [], []
     for length in LENGTHS:
@@ -269,7 +272,7 @@ def _fit_own(
     gram = gaussian_kernel(points, points, chosen)
     radius = fit_radius(gram, error_mm, samples, groups, radius_mm)
     summed = (shares * fitted).reshape(len(LENGTHS), len(RIDGES), *target.shape).sum(axis=1)
-    offset = np.append(target.mean(axis=0) if base is None else np.zeros(6), 0.0)
+    offset = np.append(target.mean(axis=0) if given is None else np.zeros(6), 0.0)
     own = [
         TrainedExpansion(
             points,
@@ -326,4 +329,4 @@ def _position_score(error_mm: Array, samples: Samples) -> float:
 def _force_score(prediction: Array, samples: Samples) -> float:
     """Return the mean error of the plain samples' force, N: a few large ones of few presses decide less than
     in the root mean square."""
-    return float(force_misses_N(_forces_N(prediction, samples), samples)[samples.plain].mean())
+    return mean_miss_N(_forces_N(prediction, samples), samples)

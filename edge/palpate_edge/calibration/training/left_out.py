@@ -30,3 +30,8 @@ class LeftOut:
 def force_misses_N(forces_N: Array, samples: Samples) -> Array:
     """Return the distances (s,) between predicted (s, 3) and true forces."""
     return np.asarray(np.linalg.norm(forces_N - samples.forces_N, axis=1))
+
+
+def mean_miss_N(forces_N: Array, samples: Samples) -> float:
+    """Return the mean distance between predicted (s, 3) and true forces of the plain samples."""
+    return float(force_misses_N(forces_N, samples)[samples.plain].mean())

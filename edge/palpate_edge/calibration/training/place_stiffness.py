@@ -25,7 +25,7 @@ import numpy as np
 from palpate_edge.calibration.evidence import mean_by_evidence
 from palpate_edge.calibration.training.gaussian_kernel import gaussian_kernel
 from palpate_edge.calibration.training.kernel_ridge import Regression
-from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N
+from palpate_edge.calibration.training.left_out import LeftOut, force_misses_N, mean_miss_N
 from palpate_edge.calibration.training.samples import Samples, TrainingPress
 from palpate_edge.calibration.training.slant import along, frames_in_sensor, missing_slants, slanted
 from palpate_edge.calibration.training.uncertainty.interval import Interval, fit_interval
@@ -92,7 +92,7 @@ def refit_evenly(
         return again, fit_place_stiffness(replace(again.left_out, samples=left_out.samples), presses)
 
     best = fit_place_stiffness(left_out, presses)
-    miss_N = _mean_miss_N(left_out) if best is None else best.miss_N
+    miss_N = mean_miss_N(left_out.forces_N, left_out.samples) if best is None else best.miss_N
     wall = None
     if left_out.dome_N is not None:
         wall = fit_place_stiffness(replace(left_out, forces_N=left_out.dome_N), presses)
@@ -110,11 +110,6 @@ def refit_evenly(
     return model, best
 
 
-def _mean_miss_N(left_out: LeftOut) -> float:
-    samples = left_out.samples
-    return float(force_misses_N(left_out.forces_N, samples)[samples.plain].mean())
-
-
 def evened(presses: Sequence[TrainingPress], stiffness: PlaceStiffness) -> list[TrainingPress]:
     """Return the presses with the forces that they would have on the wall of the correction model."""
     wall, even = StiffnessMap(stiffness), []
@@ -128,27 +123,27 @@ def evened(presses: Sequence[TrainingPress], stiffness: PlaceStiffness) -> list[
 
 def fit_place_stiffness(left_out: LeftOut, presses: Sequence[TrainingPress]) -> FittedStiffness | None:
     """Fit to the presses (c,) that were left out; None where the stiffness does not improve their forces."""
-    samples, plain = left_out.samples, left_out.samples.plain
+    samples, given_N = left_out.samples, left_out.forces_N
     places = np.array([press.direction for press in presses])
     noise = np.minimum([press.faintness for press in presses], MOST_FAINTNESS)
-    log_ratio = _log_ratios(left_out.forces_N, samples, len(presses))
+    log_ratio = _log_ratios(given_N, samples, len(presses))
     frames = frames_in_sensor(samples, presses)
-    own_N = left_out.forces_N * np.exp(log_ratio)[samples.press, None]
+    own_N = given_N * np.exp(log_ratio)[samples.press, None]
     slants = missing_slants(own_N, samples, presses, frames)
     ratio, slant = _most_probable(places, (log_ratio[:, None], slants), noise)
 
-    scaled_N = left_out.forces_N * np.exp(log_ratio[:, None] - ratio.left_over)[samples.press]
+    scaled_N = given_N * np.exp(log_ratio[:, None] - ratio.left_over)[samples.press]
     added = along(slants - slant.left_over, places)[samples.press]
-    steps = (left_out.forces_N, scaled_N, slanted(scaled_N, added, frames))
-    misses_N = [force_misses_N(forces_N, samples) for forces_N in steps]
-    even_N, scaled, with_slant = (float(missed_N[plain].mean()) for missed_N in misses_N)
-    if scaled >= even_N:
+    even_miss_N, miss_N = mean_miss_N(given_N, samples), mean_miss_N(scaled_N, samples)
+    if miss_N >= even_miss_N:
         return None
-    stiffness = PlaceStiffness(packed(places), ratio.expansion())
-    if with_slant >= (1 - LEAST_GAIN) * scaled:
-        return FittedStiffness(stiffness, fit_interval(misses_N[1], samples), scaled, 1 - scaled / even_N)
-    stiffness = msgspec.structs.replace(stiffness, slant=slant.expansion())
-    return FittedStiffness(stiffness, fit_interval(misses_N[2], samples), with_slant, 1 - with_slant / even_N)
+    stiffness, found_N = PlaceStiffness(packed(places), ratio.expansion()), scaled_N
+    slanted_N = slanted(scaled_N, added, frames)
+    if mean_miss_N(slanted_N, samples) < (1 - LEAST_GAIN) * miss_N:
+        stiffness, found_N = msgspec.structs.replace(stiffness, slant=slant.expansion()), slanted_N
+        miss_N = mean_miss_N(slanted_N, samples)
+    force95 = fit_interval(force_misses_N(found_N, samples), samples)
+    return FittedStiffness(stiffness, force95, miss_N, 1 - miss_N / even_miss_N)
 
 
 def _log_ratios(given_N: Array, samples: Samples, count: int) -> Array:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration.training.samples import Samples, TrainingPress
+from palpate_edge.calibration.training.samples import MIRROR, Samples, TrainingPress
 from palpate_edge.common.arrays import Array
 
 LEAST_SIZE = 1e-9  # N, of a force that has a direction
@@ -24,9 +24,9 @@ def frames_in_sensor(samples: Samples, presses: Sequence[TrainingPress]) -> Arra
     places, forces = _places(presses)[samples.press], _unit(_forces_N(presses))[samples.press]
     own = _unit(samples.forces_N)
     plain, mirrored = (
-        _complex(places) * np.conj(_complex(samples.directions * (1.0, sign, 1.0)))
-        + _complex(forces) * np.conj(_complex(own * (1.0, sign, 1.0)))
-        for sign in (1.0, -1.0)
+        _complex(places) * np.conj(_complex(samples.directions * signs))
+        + _complex(forces) * np.conj(_complex(own * signs))
+        for signs in (np.ones(3), MIRROR)
     )
     is_mirrored = np.abs(mirrored) > np.abs(plain)
     angle = np.angle(np.where(is_mirrored, mirrored, plain))

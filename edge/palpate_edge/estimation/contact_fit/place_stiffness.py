@@ -7,7 +7,7 @@ import math
 import msgspec
 import numpy as np
 
-from palpate_edge.common.contact import Vector3
+from palpate_edge.common.contact import Vector3, tangential_force_N
 from palpate_edge.estimation.pose.kernel_expansion import Expansion, ExpansionRunner, PackedArray
 
 
@@ -41,10 +41,8 @@ class StiffnessMap:
         """Return the force along the surface that is added at a unit vector of F, over the force's size."""
         if self._slant is None:
             return 0.0, 0.0, 0.0
-        nx, ny, nz = direction
         x, y, z = self._slant.at(np.array(direction, np.float32)).tolist()
-        inward = nx * x + ny * y + nz * z
-        return x - inward * nx, y - inward * ny, z - inward * nz
+        return tangential_force_N(direction, (x, y, z))
 
     def corrected(self, direction: Vector3, force_N: Vector3) -> Vector3:
         """Return the force of this wall in place of the correction model's, at a unit vector of F."""
