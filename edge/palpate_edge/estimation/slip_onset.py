@@ -8,10 +8,10 @@ like the square root of the time that is left, where a motion that is slowed dow
 higher power.
 
 The corner is found in the mean motion of all beads, which is more exact than a load. Onset is a steady
-growth for three intervals, after which the skin moves less than at 0.4 of its speed, and less than if it went
-on to slow down evenly. The load has to confirm it: it has grown too, faster than by a weight that is lifted,
-and under a normal force that hardly changes. A push that begins abruptly has no steady growth before its
-corner, so it is no onset; neither is the slip that such a push causes (docs/calibrating.md).
+growth along one line for three intervals, after which the skin moves less than at half of its speed, and less
+than if it went on to slow down evenly. The load has to confirm it: it has grown too, faster than by a weight
+that is lifted, and under a normal force that hardly changes. A push that begins abruptly has no steady growth
+before its corner, so it is no onset; neither is the slip that such a push causes (docs/calibrating.md).
 
 The same holds for balls and flat faces. A flat face that twists slides at its rim first, so its torsion ends
 without a corner. The load at the corner is a measurement of the coefficient of friction.
@@ -52,7 +52,10 @@ STEADY = (0.7, 1.5)
 """Growth in the first interval over that in the second; more or less belongs to an abrupt push."""
 LEAST_BEFORE = 0.7
 """Growth in the second interval over that in the last; less belongs to a push that begins abruptly."""
-STILL = 0.4
+STRAIGHT = 1.1
+"""Largest way of the skin in the first interval over its part along the way in the last one; an object that
+is pushed abruptly rocks at first."""
+STILL = 0.5
 """Largest motion after the corner, over that at the speed before."""
 SHARP = 0.3
 """By how much the motion after the corner falls short of that of an even deceleration, over that at the speed
@@ -130,6 +133,9 @@ def _is_corner(frames: LoadHistory, corner: int, interval: int) -> bool:
     first_mm, second_mm = (after - before for before, after in pairwise(path))
     low, high = STEADY
     if second_mm < LEAST_BEFORE * last_mm or not low * second_mm <= first_mm <= high * second_mm:
+        return False
+    begun, went_on = frames[corner - 3 * interval], frames[corner - 2 * interval]
+    if math.dist(begun.skin_mm, went_on.skin_mm) > STRAIGHT * first_mm:
         return False
     along = [sum(map(mul, way, one.skin_mm)) / last_mm for one in frames]
     share, noise_mm = (len(frames) - 1 - corner) / interval, _noise(along)

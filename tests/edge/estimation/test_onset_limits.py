@@ -26,17 +26,18 @@ def contact(number: int, load: float, normal_N: float = 2.0, torsion_Nmm: float 
     )
 
 
-def skin(place_mm: float) -> tuple[float, float, float, float, float, float]:
-    return place_mm, 0.0, 0.0, 0.0, 0.0, 0.0
+def skin(place_mm: float, aside_mm: float = 0.0) -> tuple[float, float, float, float, float, float]:
+    return place_mm, aside_mm, 0.0, 0.0, 0.0, 0.0
 
 
 def is_flagged(
-    steps_mm=STEPS_MM, after_mm=0.0, load=LOAD, growth=None, normal_N=2.0, change=0.0, grown=0.0
+    steps_mm=STEPS_MM, after_mm=0.0, load=LOAD, growth=None, normal_N=2.0, change=0.0, grown=0.0, aside_mm=0.0
 ) -> bool:
     """Whether the frame after the corner is flagged.
 
     load: at the corner, growth: of the load in the last three frames, by default with the skin.
     grown, change: of the normal force, relative, in the three steps and after the corner.
+    aside_mm: way of the first step at a right angle to the others.
     """
     places_mm = [*[0.0] * 10, *np.cumsum(steps_mm), sum(steps_mm) + after_mm]
     if growth is None:
@@ -47,7 +48,7 @@ def is_flagged(
     normals_N = [*[normal_N] * 10, *np.linspace(normal_N, at_corner_N, 4)[1:], at_corner_N * (1.0 + change)]
     frames = [contact(n, *pair) for n, pair in enumerate(zip(loads, normals_N, strict=True))]
     steps = accumulate(
-        zip(frames, map(skin, places_mm), strict=True),
+        zip(frames, map(skin, places_mm, [*[0.0] * 10, *[aside_mm] * 4]), strict=True),
         lambda last, one: detect_onset(last[0], *one),
         initial=((), False),
     )
@@ -70,8 +71,14 @@ def test_the_growth_before_is_steady(first_mm, flagged) -> None:
     assert is_flagged((first_mm, 0.02, 0.02)) is flagged
 
 
-@pytest.mark.parametrize(("after_mm", "flagged"), [(0.0079, True), (0.0081, False), (-0.0081, False)])
-def test_the_skin_moves_by_less_than_0_4_of_its_speed(after_mm, flagged) -> None:
+@pytest.mark.parametrize(("aside_mm", "flagged"), [(0.0091, True), (0.0092, False), (-0.0092, False)])
+def test_the_way_of_the_first_step_is_1_1_times_its_part_along_the_last_one(aside_mm, flagged) -> None:
+    """sqrt(1.1^2 - 1) of 20 um are 9.17."""
+    assert is_flagged(aside_mm=aside_mm) is flagged
+
+
+@pytest.mark.parametrize(("after_mm", "flagged"), [(0.0099, True), (0.0101, False), (-0.0101, False)])
+def test_the_skin_moves_by_less_than_half_of_its_speed(after_mm, flagged) -> None:
     assert is_flagged(after_mm=after_mm) is flagged
 
 
