@@ -38,9 +38,8 @@ def test_a_slope_that_depends_on_the_pose_is_learned():
     points = np.stack([depth * torsion, random.normal(size=300)], axis=1)
     first = np.stack([depth, np.zeros(300)], axis=1)
     train = np.arange(200)
-    fitted = fit_local(
-        LocalInputs(points[train], first[train], train), np.eye(2), torsion[train, None], ([1], [0])
-    )
+    inputs = LocalInputs(points[train], first[train], centres=train, choosing=train)
+    fitted = fit_local(inputs, np.eye(2), torsion[train, None], ([1], [0]))
     runner = LocalExpansionRunner(fitted.expansion, points)
     new = [runner.at(points[n].astype(np.float32), runner.nearness(first[n]))[0] for n in range(200, 300)]
     assert np.abs(new - torsion[200:]).mean() < 0.05

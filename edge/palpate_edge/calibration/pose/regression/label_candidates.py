@@ -58,18 +58,21 @@ def fit_candidates(
     metrics: list[list[LearnedMetric]],
     rounds: list[int],
     centres: Indices,
+    choosing: Indices,
 ) -> Candidates:
     """Fit all candidates to targets (s, k) at points (s, m).
 
     kinds: places of the labels of each kind; metrics: of each kind, by round; rounds: which of them the first
-    regression of each kind takes; centres (c,): presses that local regressions are fitted to.
+    regression of each kind takes; centres (c,): presses that local regressions are fitted to; choosing: those
+    that choose the settings of local regressions.
     """
     columns = [targets[:, places] for places in kinds.values()]
     first, predicted = [], np.empty((len(centres), targets.shape[1]))
     for places, some, learned, number in zip(kinds.values(), columns, metrics, rounds, strict=True):
         first.append(fit(points, learned[number].metric, some, learned[number].ridge, centres))
-        predicted[:, places] = first[-1].left_out
-    inputs, at_centres = LocalInputs(points[centres], predicted, centres), [some[centres] for some in columns]
+        predicted[:, places] = first[-1].in_parts
+    inputs = LocalInputs(points[centres], predicted, centres, np.flatnonzero(np.isin(centres, choosing)))
+    at_centres = [some[centres] for some in columns]
     local = [
         [fit_local(inputs, learned[0].metric, some, (places, given)) for given in _givens(kinds)]
         for places, some, learned in zip(kinds.values(), at_centres, metrics, strict=True)

@@ -4,9 +4,9 @@ Labels of one kind (both tilts, both shears) share a kernel and its metric. Firs
 kernel regression; local regressions (local_regression.py) about them may be better, and networks
 (motion_networks.py) about both for shear and torsion. Errors are those of
 presses that neither fit nor metric has seen: left out one by one from the fit; and from the learning of the
-metric in parts, or, of many presses, for good. By these errors the metric's round and the regression are
-chosen. The half width of an interval follows their size about a press: their logarithm is regressed on the
-same points, and raised until 95 % of the errors are within.
+metric, and the choice of settings, in parts, or, of many presses, from the metric for good. By these errors
+the metric's round and the regression are chosen. The half width of an interval follows their size about a
+press: their logarithm is regressed on the same points, and raised until 95 % of the errors are within.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ FEW_PRESSES = 300
 PARTS_OF_FEW, PARTS = 5, 2  # few presses lose much with each one that the metric has not seen
 MOST_FOR_ROUND, MOST_FOR_ERRORS = 1000, 1600  # presses that a round is chosen by, and intervals learned from
 SPREAD_POWERS, SPREAD_LENGTHS = (0.0, 0.5), (1.0, 2.0, 4.0)
+LEAST_GAIN = 0.05  # of the variance of log errors, from which on a width follows the press
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +119,15 @@ class _Data:
         groups = [self.targets[seen][:, places] for places in self.kinds.values()]
         return learn_metrics(self.points[seen], self.variance, groups)
 
-    def fit_candidates(self, metrics: list[list[LearnedMetric]], rounds: list[int]) -> Candidates:
-        """Fit every candidate with the metrics of these rounds, one of each kind."""
+    def fit_candidates(
+        self, metrics: list[list[LearnedMetric]], rounds: list[int], choosing: Indices
+    ) -> Candidates:
+        """Fit every candidate with the metrics of these rounds, one of each kind.
+
+        choosing: presses that choose settings.
+        """
         centres = evenly(len(self.points), MOST_LOCAL)
-        return fit_candidates(self.points, self.targets, self.kinds, metrics, rounds, centres)
+        return fit_candidates(self.points, self.targets, self.kinds, metrics, rounds, centres, choosing)
 
     def round_errors(self, metrics: list[list[LearnedMetric]], some: Indices) -> list[list[Array]]:
         """Return the errors (e, k) at `some` (e,) presses for each kind and each of its rounds, each press
@@ -145,7 +151,7 @@ def _fit_many(data: _Data) -> tuple[Candidates, list[list[Array]], Indices]:
     metrics = data.learn_metrics(seen)
     judges = unseen[evenly(len(unseen), MOST_FOR_ROUND)]
     rounds = [_least(of_kind) for of_kind in data.round_errors(metrics, judges)]
-    candidates = data.fit_candidates(metrics, rounds)
+    candidates = data.fit_candidates(metrics, rounds, np.arange(count))
     judged = unseen[evenly(len(unseen), MOST_FOR_ERRORS)]
     return candidates, candidates.errors(judged), judged
 
@@ -154,19 +160,19 @@ def _fit_in_parts(data: _Data) -> tuple[Candidates, list[list[Array]], Indices]:
     """As `_fit_many`, with all presses, each judged by metrics that were learned without its part."""
     presses = np.arange(len(data.points))
     parts = PARTS_OF_FEW if len(presses) <= FEW_PRESSES else PARTS
-    by_round: list[list[list[Array]]] = []
-    by_candidate: list[list[list[Array]]] = []
-    for number in range(parts):
-        unseen = presses[presses % parts == number]
-        metrics = data.learn_metrics(presses[presses % parts != number])
-        errors = [[error[unseen] for error in of_kind] for of_kind in data.round_errors(metrics, presses)]
-        by_round.append(errors)
-        candidates = data.fit_candidates(metrics, [_least(of_kind) for of_kind in errors])
-        by_candidate.append(candidates.errors(unseen))
+    unseen = [presses[presses % parts == number] for number in range(parts)]
+    metrics = [data.learn_metrics(np.setdiff1d(presses, part)) for part in unseen]
+    by_round = [
+        [[error[part] for error in of_kind] for of_kind in data.round_errors(learned, presses)]
+        for part, learned in zip(unseen, metrics, strict=True)
+    ]
     rounds = [_least(of_kind) for of_kind in _joined(by_round)]
-    order = np.concatenate([presses[presses % parts == number] for number in range(parts)])
-    final = data.fit_candidates(data.learn_metrics(presses), rounds)
-    return final, _joined(by_candidate), order
+    by_candidate = [
+        data.fit_candidates(learned, rounds, np.setdiff1d(presses, part)).errors(part)
+        for part, learned in zip(unseen, metrics, strict=True)
+    ]
+    final = data.fit_candidates(data.learn_metrics(presses), rounds, presses)
+    return final, _joined(by_candidate), np.concatenate(unseen)
 
 
 def _joined(parts: list[list[list[Array]]]) -> list[list[Array]]:
@@ -184,13 +190,21 @@ def _least(errors: list[Array]) -> int:
 
 
 def _fit_half_widths(points: Array, variance: Array, error: Array, judged: Indices) -> Expansion:
-    """Fit the logarithm of half widths (k,) to errors (e, k) of the `judged` (e,) presses."""
+    """Fit the logarithm of half widths (k,) to errors (e, k) of the `judged` (e,) presses.
+
+    A label whose errors those about a press hardly predict has the same width everywhere.
+    """
     log_error = np.log(error + FLOOR * np.median(error, axis=0) + 1e-9)
     (settings,) = choose_settings(points[judged], variance, [log_error], SPREAD_POWERS, SPREAD_LENGTHS)
     fitted = fit(points[judged], settings.metric(variance), log_error, settings.ridge)
-    above = np.sort(np.log(error + 1e-12) - fitted.left_out, axis=0)
+    mean = log_error.mean(axis=0)
+    without = mean - (log_error - mean) / (len(judged) - 1)  # the mean of all others
+    left_over, spread = (np.square(log_error - one).sum(axis=0) for one in (fitted.left_out, without))
+    varies = left_over < (1 - LEAST_GAIN) * spread
+    above = np.sort(np.log(error + 1e-12) - np.where(varies, fitted.left_out, mean), axis=0)
     rank = min(len(above), math.ceil(COVERAGE * (len(above) + 1))) - 1
     weights = np.zeros((len(points), error.shape[1]))
-    weights[judged] = fitted.expansion.weights.array()
-    offset = fitted.expansion.offset.array().astype(np.float64) + above[rank]
-    return Expansion(fitted.expansion.metric, packed(weights), packed(offset), fitted.expansion.kernel)
+    weights[judged] = np.where(varies, fitted.expansion.weights.array(), 0.0)
+    return Expansion(
+        fitted.expansion.metric, packed(weights), packed(mean + above[rank]), fitted.expansion.kernel
+    )

@@ -38,11 +38,13 @@ class LocalFit:
 @dataclass(frozen=True, slots=True)
 class LocalInputs:
     """Presses that local expansions are fitted to: points (c, p); first (c, l): their labels by the first
-    regression, each without that press; centres (c,): their places in the calibration."""
+    regression without their part; centres (c,): their places in the calibration; choosing: places,
+    among these, of the presses that choose settings."""
 
     points: Array
     first: Array
     centres: Indices
+    choosing: Indices
 
 
 def fit_local(
@@ -56,11 +58,12 @@ def fit_local(
     deviation = np.maximum(inputs.first[:, given].std(axis=0), 1e-12)
     poses, turned = inputs.first[:, given] / deviation, inputs.points @ metric
     turned_size = np.sqrt(np.square(turned).sum(axis=1).mean())
-    length, slope, ridge = _choose(poses, turned / turned_size, standardised(targets))
+    some = inputs.choosing
+    length, slope, ridge = _choose(poses[some], turned[some] / turned_size, standardised(targets[some]))
     gain = math.sqrt(slope) / turned_size
     gram = _kernel(poses / length, turned * gain, slope)
     offset = targets.mean(axis=0)
-    weights, own = ridge_solution(gram, targets - offset, ridge, slice(None))
+    weights, root = ridge_solution(gram, targets - offset, ridge, slice(None))
     expansion = LocalExpansion(
         labels=tuple(labels),
         given=tuple(given),
@@ -71,7 +74,7 @@ def fit_local(
         weights=packed(weights / (1 + slope)),
         offset=packed(offset),
     )
-    return LocalFit(expansion, np.asarray(targets - weights / own[:, None]))
+    return LocalFit(expansion, np.asarray(targets - weights / np.square(root).sum(axis=0)[:, None]))
 
 
 def _kernel(poses: Array, points: Array, slope: float) -> Array:

@@ -37,7 +37,7 @@ def fit_motion_networks(
     places = list(kinds.values())
     first = np.empty((len(candidates.centres), sum(map(len, places))))
     for some, regression in zip(places, candidates.first, strict=True):
-        first[:, some] = regression.left_out
+        first[:, some] = regression.in_parts
     local = [
         [one.left_out / len(candidates.local[number]) for one in candidates.local[number]]
         for number in moving

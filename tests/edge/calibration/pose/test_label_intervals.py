@@ -1,0 +1,70 @@
+"""Intervals of pose labels, on labels that are linear in the displacements, with noise of a known law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate_edge.calibration.pose.regression.kernel_regression import fit
+from palpate_edge.calibration.pose.regression.label_regression import fit_labels
+from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner, matern
+
+NORMAL_95 = 1.96
+LABELS = ("depth_mm", "torsion_deg")
+DEPTH_NOISE_MM, TORSION_NOISE_DEG = 0.1, 1.0
+
+
+def drawn_points(random, count):
+    return random.uniform(-np.sqrt(3.0), np.sqrt(3.0), (count, 3))
+
+
+def torsion_noise_deg(points):
+    """Ten times as large at one end of the first coordinate as at the other."""
+    return TORSION_NOISE_DEG * 10.0 ** (points[:, 0] / np.sqrt(12.0))
+
+
+def half_widths(count, seed):
+    """Half widths (2, f) at places from end to end, of labels fitted to so many presses, and those places."""
+    random = np.random.default_rng(seed)
+    points, noise = drawn_points(random, count), random.standard_normal((count, 2))
+    depth_mm = points @ (1.0, 0.5, 0.2) + DEPTH_NOISE_MM * noise[:, 0]
+    torsion_deg = 20.0 * points @ (0.1, 1.0, 0.5) + torsion_noise_deg(points) * noise[:, 1]
+    fitted = fit_labels(points, np.ones(3), np.column_stack((depth_mm, torsion_deg)), LABELS)
+    runner = ExpansionRunner(fitted.half_widths, points)
+    places = np.column_stack((np.linspace(-1.5, 1.5, 31), np.zeros((31, 2))))
+    return np.exp([runner.at(place.astype(np.float32)) for place in places]).T, places
+
+
+def test_noise_that_is_the_same_everywhere_gives_one_half_width_of_its_size():
+    """Errors that a press's own noise had leaked into gave 0.44 to 1.65 of it."""
+    for seed in (0, 1):
+        depth_mm, _ = half_widths(200, seed)[0]
+        np.testing.assert_allclose(depth_mm, depth_mm[0], rtol=1e-6)
+        assert depth_mm[0] == pytest.approx(NORMAL_95 * DEPTH_NOISE_MM, rel=0.2)
+
+
+def test_noise_that_grows_with_the_displacement_gives_half_widths_that_follow():
+    (_, torsion_deg), places = half_widths(400, 2)
+    assert torsion_deg[-1] > 3.0 * torsion_deg[0]
+    ratio = torsion_deg / (NORMAL_95 * torsion_noise_deg(places))
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.25)
+
+
+def test_predictions_in_parts_are_those_of_fits_without_that_part():
+    """Against ridge regressions that are solved one by one."""
+    random = np.random.default_rng(3)
+    points = drawn_points(random, 57)
+    targets = np.sin(points[:, :2]) + 0.1 * random.standard_normal((57, 2))
+    fitted = fit(points, np.eye(3), targets, 0.05)
+    gram = matern(np.square(points[:, None] - points).sum(axis=-1))
+    offset = targets.mean(axis=0)
+
+    def predicted(left_out):
+        kept = np.setdiff1d(np.arange(57), left_out)
+        system = gram[np.ix_(kept, kept)] + 0.05 * np.eye(len(kept))
+        return gram[np.ix_(left_out, kept)] @ np.linalg.solve(system, targets[kept] - offset) + offset
+
+    for part in range(10):
+        there = np.arange(part, 57, 10)
+        np.testing.assert_allclose(fitted.in_parts[there], predicted(there), atol=1e-9)
+    np.testing.assert_allclose(fitted.left_out[[30]], predicted(np.array([30])), atol=1e-9)
