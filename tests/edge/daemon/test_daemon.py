@@ -28,6 +28,11 @@ def flags(data):
 
 
 def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_back(rig):
+    def each_stall_has_one_line_and_one_when_it_is_over():
+        """Whether it is so by now; a busy machine may stall this test's camera once more."""
+        log = (rig.folder / "stderr").read_text()
+        return log.count("no frame for 0.5 s") == log.count("finger: camera gives frames again") >= 1
+
     bus = rig.listen()
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
     begun_s = time.monotonic()
@@ -39,8 +44,7 @@ def test_a_frozen_camera_withdraws_the_contact_starves_the_watchdog_and_comes_ba
     assert rig.process.poll() is None
     rig.camera.thaw()
     rig.heard(bus, TPDO_2, lambda data: flags(data) & 0x04)
-    rig.until(lambda: "finger: camera gives frames again" in (rig.folder / "stderr").read_text())
-    assert (rig.folder / "stderr").read_text().count("no frame for 0.5 s") == 1
+    rig.until(each_stall_has_one_line_and_one_when_it_is_over)
     thawed_s = time.monotonic()
     rig.until(lambda: rig.feeds(thawed_s) >= 2)
 
