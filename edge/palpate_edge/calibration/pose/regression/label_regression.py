@@ -161,15 +161,16 @@ def _fit_in_parts(data: _Data) -> tuple[Candidates, list[list[Array]], Indices]:
     presses = np.arange(len(data.points))
     parts = PARTS_OF_FEW if len(presses) <= FEW_PRESSES else PARTS
     unseen = [presses[presses % parts == number] for number in range(parts)]
-    metrics = [data.learn_metrics(np.setdiff1d(presses, part)) for part in unseen]
+    seen = [np.setdiff1d(presses, part) for part in unseen]
+    metrics = [data.learn_metrics(part) for part in seen]
     by_round = [
         [[error[part] for error in of_kind] for of_kind in data.round_errors(learned, presses)]
         for part, learned in zip(unseen, metrics, strict=True)
     ]
     rounds = [_least(of_kind) for of_kind in _joined(by_round)]
     by_candidate = [
-        data.fit_candidates(learned, rounds, np.setdiff1d(presses, part)).errors(part)
-        for part, learned in zip(unseen, metrics, strict=True)
+        data.fit_candidates(learned, rounds, choosing).errors(part)
+        for part, choosing, learned in zip(unseen, seen, metrics, strict=True)
     ]
     final = data.fit_candidates(data.learn_metrics(presses), rounds, presses)
     return final, _joined(by_candidate), np.concatenate(unseen)
