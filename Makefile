@@ -10,6 +10,7 @@ LEROBOT := .venv-lerobot
 LEROBOT_PYTHON ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.12.*/bin/python3.12) python3.12)
 VM     := vm
 SUITES := bookworm trixie
+KERNELS := $(wildcard edge/palpate_edge/kernels/*.[ch])
 TIERS  := namespace hand killed foreign booted cuts
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
@@ -196,9 +197,9 @@ $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -m venv $(VENV) \
 	  || { rm -rf $(VENV); echo "error: no venv module: apt install python3-venv, or give another PYTHON"; exit 1; }
 
-$(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock pyproject.toml
+$(VENV)/host.stamp: $(VENV)/pyvenv.cfg requirements/host.lock requirements/kernels.lock pyproject.toml hatch_build.py $(KERNELS)
 	@echo "installing the packages of host and fingertip into $(VENV)"
-	@$(PIP) install --require-hashes -r requirements/host.lock
+	@$(PIP) install --require-hashes -r requirements/host.lock -r requirements/kernels.lock
 	@$(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
 

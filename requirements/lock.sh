@@ -10,11 +10,13 @@ lock() {
     # shellcheck disable=SC2086
     "$uv" pip compile pyproject.toml $common --no-emit-package palpate "$@"
 }
-lock --all-extras --upgrade requirements/build.in -o requirements/full.lock
+lock --all-extras --upgrade requirements/build.in requirements/kernels.in -o requirements/full.lock
 lock -c requirements/full.lock --extra host --extra train --extra twin --extra record --extra view --extra dev -o requirements/dev.lock
 lock -c requirements/full.lock --extra host --extra train requirements/build.in -o requirements/host.lock
 lock -c requirements/full.lock --extra host --extra onnx --extra test -o requirements/guest.lock
 lock -c requirements/full.lock --extra onnx requirements/build.in -o requirements/edge.lock
+# shellcheck disable=SC2086
+"$uv" pip compile requirements/kernels.in $common -c requirements/full.lock -o requirements/kernels.lock
 # shellcheck disable=SC2086
 "$uv" pip compile requirements/firmware.in $common -c requirements/full.lock -o requirements/firmware.lock
 # shellcheck disable=SC2086

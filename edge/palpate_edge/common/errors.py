@@ -41,6 +41,10 @@ class ConfigError(PalpateError):
     exit_status = 2
 
 
+class KernelsError(ConfigError):
+    """The compiled kernels are missing for this machine, or are those of other sources."""
+
+
 EXTRA_OF_LIBRARY = {
     "foxglove": "record",
     "matplotlib": "host",

@@ -1,0 +1,23 @@
+/* What all kernels share. There is no C library: only the compiler's own headers and builtins.
+ *
+ * Kernels own no memory and call nothing: Python gives them arrays and keeps those. Indices from Python are
+ * checked there; places may be anything, NaN as well, and never lead outside an array. */
+
+#ifndef PALPATE_KERNELS_H
+#define PALPATE_KERNELS_H
+
+#include <stdint.h>
+
+#define KERNEL __attribute__((visibility("default")))
+
+typedef float float4 __attribute__((vector_size(16), aligned(4)));
+
+static inline float smaller(float a, float b) { return a < b ? a : b; }
+static inline float larger(float a, float b) { return a > b ? a : b; }
+
+/* The value between two limits; NaN becomes the lower one. */
+static inline float within(float value, float low, float high) {
+    return value > low ? smaller(value, high) : low;
+}
+
+#endif
