@@ -23,16 +23,17 @@ except ImportError:  # compiled alone
 FOLDER = Path(__file__).resolve().parent / "edge" / "palpate_edge" / "kernels"
 TARGETS = {
     "x86_64": ("-target", "x86_64-linux-none", "-mcpu=x86_64_v2"),
+    "x86_64_v3": ("-target", "x86_64-linux-none", "-mcpu=x86_64_v3"),
     "aarch64": ("-target", "aarch64-linux-none", "-mcpu=generic"),
 }
-"""Machine, as Python's `platform` names it -> the compiler's options: any x86-64 since 2009, any aarch64."""
+"""Library -> the compiler's options: any x86-64 since 2009, with AVX2 (since about 2015), any aarch64."""
 
 # No C library: the kernels only compute. NaN and infinity keep their meaning, since places may be NaN.
-OPTIONS = (
-    "-std=c11 -O3 -Wall -Wextra -Werror -ffreestanding -nostdlib -fPIC -fvisibility=hidden -shared -s -fno-math-errno"
-    " -fno-trapping-math -fassociative-math -freciprocal-math -fno-signed-zeros -ffp-contract=fast"
-    " -fno-sanitize=all -fno-stack-protector -Wl,--build-id=none"
-).split()
+OPTIONS = """
+-std=c11 -O3 -Wall -Wextra -Werror -ffreestanding -nostdlib -fPIC -fvisibility=hidden -shared -s
+-fno-math-errno -fno-trapping-math -fassociative-math -freciprocal-math -fno-signed-zeros -ffp-contract=fast
+-fno-sanitize=all -fno-stack-protector -Wl,--build-id=none
+"""
 
 
 def sources() -> list[Path]:
@@ -54,7 +55,7 @@ def compile_kernels() -> list[Path]:
         for machine, options in TARGETS.items():
             library = FOLDER / f"{machine}.so"
             made = Path(cache) / library.name
-            command = [sys.executable, "-m", "ziglang", "cc", *options, *OPTIONS]
+            command = [sys.executable, "-m", "ziglang", "cc", *options, *OPTIONS.split()]
             command += [f"-DKERNELS_CHECKSUM={checksum()}u", "-o", str(made), *code]
             subprocess.run(command, check=True, env=environment)
             fresh = library.with_suffix(".so.new")

@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+Counts = NDArray[np.int32]
 Image = NDArray[np.uint8]
 """A picture: (height, width) grey or (height, width, 3) BGR."""
 Plane = NDArray[np.float32] | NDArray[np.uint8]

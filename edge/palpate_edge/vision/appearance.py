@@ -6,7 +6,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Floats, Image, Plane
+from palpate_edge.common.arrays import Image, Plane
 
 CHANNELS: dict[str, tuple[float, float, float]] = {  # weights of B, G, R
     "grey": (0.114, 0.587, 0.299),
@@ -53,11 +53,10 @@ def plane(image: Image, appearance: Appearance) -> Plane:
     return np.asarray(cv2.addWeighted(first, alpha, others[0], beta, 0.0, dtype=cv2.CV_32F), np.float32)
 
 
-def plane_of_colours(pixels: Floats, appearance: Appearance) -> Floats:
-    """Return the same as :func:`plane` of pixels (height, width, 3) in single precision, by one product."""
-    sign = -1.0 if appearance.bright else 1.0
-    weights = sign * np.array([CHANNELS[appearance.channel]], np.float32)
-    return np.asarray(cv2.transform(pixels, weights), np.float32)
+def colour_weights(appearance: Appearance) -> tuple[float, float, float]:
+    """Return the weights of B, G, R whose sum :func:`plane` is of a colour image."""
+    blue, green, red = CHANNELS[appearance.channel]
+    return (-blue, -green, -red) if appearance.bright else (blue, green, red)
 
 
 def unlit_grey(appearance: Appearance) -> float | None:

@@ -13,17 +13,17 @@ because a pixel twice as bright as the skin also changes twice as much.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import cv2
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Indices, Mask, Plane
-from palpate_edge.vision.patches import CORE_PIXELS, SKIN_PIXELS, Patches
+from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
+from palpate_edge.kernels.centroids import CentroidFinder, WindowLimits, WindowShapes
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.shading import Shading, skin_reach
 
 BINNED_FROM_PX = 12.0  # beads of at least this diameter are measured on pixels of two by two
+SKIN_RADIUS, SKIN_PIXELS = 0.8, 16  # circle on the skin about a bead: radius in bead diameters, pixels
+CORE_RADIUS, CORE_PIXELS = 0.25, 16  # circle inside the bead
 DISK_RADIUS = 0.8  # of the pixels that the centroid is made of, in bead diameters
 SKIN_RANKS = slice(6, 14)  # of the skin's pixels by grey: the darkest may be a bead's, the brightest glare
 LOW_RANKS, HIGH_RANKS = slice(3, 6), slice(11, 14)  # their difference is the skin's unevenness
@@ -40,7 +40,7 @@ class Refined(msgspec.Struct, frozen=True):
 
     position_px (n, 2); contrast (n,): grey levels; area (n,): in bead disks, 1 is a whole bead; unevenness
     (n,): variation of the skin's grey around the bead, over the contrast; converged (n,): the last step was
-    small.
+    small; windows (n,): that were measured.
     """
 
     position_px: Array
@@ -48,20 +48,7 @@ class Refined(msgspec.Struct, frozen=True):
     area: Floats
     unevenness: Floats
     converged: Mask
-
-
-class Levels(NamedTuple):
-    """Greys about places (m,) in the pixels with the indices `pixel` (m,).
-
-    skin (m,): its grey; contrast (m,): to the bead; scale (m,): 1 over the contrast, at most 1;
-    unevenness (m,): see Refined.
-    """
-
-    pixel: Indices
-    skin: Floats
-    contrast: Floats
-    scale: Floats
-    unevenness: Floats
+    windows: Counts
 
 
 def refined_places(dark: Plane, start_px: Array, diameter_px: float) -> Array:
@@ -88,22 +75,26 @@ class Refiner:
         if spacing_px is not None:
             disk = np.minimum(disk, skin_reach(diameter, spacing_px / self.binning))
         slope = np.zeros((len(diameter), 2)) if shading is None else shading.slope * self.binning
-        self._unlit = None if shading is None else shading.unlit
-        self._patches = Patches(self.binning, int(disk.max()), diameter)
-        steps = self._patches.steps
+        unlit = None if shading is None else shading.unlit
+        reach = int(disk.max())
+        axis = np.arange(-reach, reach + 1)
+        steps = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
         added = np.where(np.hypot(*steps.T) <= disk[:, None], 0.0, OUTSIDE)
-        if self._unlit is None:
+        if unlit is None:
             added += slope @ steps.T
-        self._alike = bool((added == added[0]).all())
-        self._added = (added[:1] if self._alike else added).astype(np.float32)
-        self._slope = slope.astype(np.float32)
-        self._moments = np.column_stack([np.ones(len(steps)), steps]).astype(np.float32)
-        self._one_and_steps = np.ascontiguousarray(self._moments.T)
-        # Displacement that subtracting the skin's slope adds to the centroid of an unshaded bead.
-        self._slope_shift = (self._unlit is None) * slope * diameter[:, None] ** 2 / 16
-        self._half_area = (0.5 * np.pi / 4 * diameter**2).astype(np.float32)
-        self._max_step = MAX_STEP * diameter[:, None]
-        self._diameter_squared = diameter**2
+        circles = (_circle(SKIN_RADIUS * diameter, SKIN_PIXELS), _circle(CORE_RADIUS * diameter, CORE_PIXELS))
+        shapes = WindowShapes(
+            reach,
+            np.concatenate(circles, axis=1),
+            _skin_ranks(),
+            added[:1] if (added == added[0]).all() else added,
+            slope,
+            # Subtracting the skin's slope displaces the centroid of an unshaded bead.
+            (unlit is None) * slope * diameter[:, None] ** 2 / 16,
+            0.5 * np.pi / 4 * diameter**2,
+            diameter,
+        )
+        self._finder = CentroidFinder(shapes, WindowLimits(GATE, unlit, DARKEST_SKIN, MAX_STEP))
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
@@ -115,7 +106,7 @@ class Refiner:
 
         binned: to :attr:`binning` already.
         """
-        self._patches.load(dark, binned=binned)
+        self._finder.load(dark if binned or self.binning == 1 else halved(dark))
 
     def centroids(
         self,
@@ -135,86 +126,20 @@ class Refiner:
         """
         half = 0.5 * (self.binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self.binning
-        position = self._patches.inside(start)
-        centre = np.rint(position).astype(np.intp)
-        levels = self._levels(centre, beads)
-        at_bead = levels.contrast >= min_contrast
-        if max_faint is not None and len(at_bead) - np.count_nonzero(at_bead) > max_faint:
-            nowhere = np.zeros_like(at_bead)
-            return Refined(start_px, levels.contrast, nowhere.astype(np.float32), levels.unevenness, nowhere)
-        offset, contrast, area, unevenness = self._measure(levels, beads)
-        there = centre + offset
-        step = there - position
-        squared = self._diameter_squared if beads is None else self._diameter_squared[beads]
-        converged_squared = converged_step**2 * squared
-        step_squared = np.vecdot(step, step)
-        moving = ((step_squared > converged_squared) & at_bead).nonzero()[0]
-        for _ in range(max_steps - 1):
-            if not len(moving):
-                break
-            which = moving if beads is None else beads[moving]
-            max_step = self._max_step[which]
-            again = position[moving] + np.minimum(np.maximum(step[moving], -max_step), max_step)
-            again = self._patches.inside(again)
-            centre = np.rint(again).astype(np.intp)
-            measured = self._measure(self._levels(centre, which), which)
-            offset, contrast[moving], area[moving], unevenness[moving] = measured
-            position[moving], there[moving] = again, centre + offset
-            step[moving] = last_step = there[moving] - again
-            step_squared[moving] = last_squared = np.vecdot(last_step, last_step)
-            moving = moving[last_squared > converged_squared[moving]]
-        converged = step_squared <= converged_squared
-        place_px = there * self.binning + half
-        if position is not start:
-            outside = self._patches.outside(start)
-            contrast[outside], place_px[outside] = 0.0, start_px[outside]
-        return Refined(place_px, contrast, area, unevenness, converged)
-
-    def _levels(self, centre: Indices, beads: Indices | None) -> Levels:
-        """Measure the greys of skin and bead about the binned pixels `centre` (m, 2)."""
-        index = self._patches.index(centre)
-        greys = self._patches.circles(index, slice(None) if beads is None else beads)
-        greys[:, :SKIN_PIXELS].sort(axis=1)
-        skin, variation, core = (greys @ _TO_LEVELS).T
-        contrast: Floats = skin - core
-        scale = np.reciprocal(np.maximum(contrast, 1.0))
-        return Levels(index, skin, contrast, scale, variation * scale)
-
-    def _measure(self, levels: Levels, beads: Indices | None) -> tuple[Array, Floats, Floats, Floats]:
-        """Measure where these levels (m,) are: centroid from there (m, 2), contrast, area, unevenness."""
-        some = slice(None) if beads is None else beads
-        pixel, skin, contrast, scale, unevenness = levels
-        weight = self._patches.squares(pixel)
-        if self._unlit is None:
-            weight *= -scale[:, None]
-        else:
-            if self._unlit:
-                weight -= self._unlit
-                skin = skin - self._unlit
-            lit = np.maximum(np.abs(skin), np.maximum(DARKEST_SKIN * contrast, 1.0))
-            slope = self._slope[some] / np.copysign(lit, skin)[:, None]
-            weight *= np.concatenate((-scale[:, None], slope), axis=1) @ self._one_and_steps
-        weight += (skin * scale - GATE)[:, None]
-        weight += self._added if self._alike else self._added[some]
-        cv2.threshold(weight, 0.0, 0.0, cv2.THRESH_TOZERO, dst=weight)
-        cv2.threshold(weight, 1.0, 0.0, cv2.THRESH_TRUNC, dst=weight)
-        factor = 1.5 - weight  # t^2 (3 - 2 t) / 2: smooth at both ends, so independent of the pixel grid
-        weight *= weight
-        weight *= factor
-        moments = weight @ self._moments
-        mass = np.maximum(moments[:, 0], 1e-3)
-        area = np.divide(mass, self._half_area[some])
-        return moments[:, 1:] / mass[:, None] - self._slope_shift[some], contrast, area, unevenness
+        found = self._finder.find(start, beads, max_steps, min_contrast, max_faint, converged_step)
+        return Refined(found.place * self.binning + half, *found[1:])
 
 
-def _to_levels() -> Floats:
-    """Return the matrix (32, 3) from greys about a bead, the skin's sorted, to skin, variation and bead."""
-    levels = np.zeros((SKIN_PIXELS + CORE_PIXELS, 3), np.float32)
-    ranks = levels[:SKIN_PIXELS]
-    for column, part, sign in ((0, SKIN_RANKS, 1), (1, HIGH_RANKS, 1), (1, LOW_RANKS, -1)):
-        ranks[part, column] += sign / len(ranks[part])
-    levels[SKIN_PIXELS:, 2] = 1 / CORE_PIXELS
-    return levels
+def _circle(radius: Array, count: int) -> Indices:
+    """Return the offsets (n, count, 2) of `count` pixels on circles of `radius` (n,)."""
+    angle = 2 * np.pi * np.arange(count) / count
+    offsets = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(np.rint(offsets), dtype=np.intp)
 
 
-_TO_LEVELS = _to_levels()
+def _skin_ranks() -> Floats:
+    """Return the weights (2, 16) of the skin's greys, sorted, in its grey and in its variation."""
+    ranks = np.zeros((2, SKIN_PIXELS), np.float32)
+    for row, part, sign in ((0, SKIN_RANKS, 1), (1, HIGH_RANKS, 1), (1, LOW_RANKS, -1)):
+        ranks[row, part] += sign / len(ranks[row, part])
+    return ranks

@@ -31,7 +31,8 @@ import cv2
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Indices, Plane
+from palpate_edge.common.arrays import Array, Floats, Image, Indices
+from palpate_edge.kernels.symmetric_steps import SymmetricLimits, SymmetricMatrices, SymmetricSteps
 from palpate_edge.vision.appearance import CHANNELS
 from palpate_edge.vision.beads import (
     BOTH_FIT,
@@ -73,8 +74,6 @@ CLIPPED_SIGMA, CLIPPED_SHARE = 1.0, 0.5  # added to a deviation's factor, and th
 MAX_STEP = 0.12  # of a bead diameter
 FAR_STEP = 0.025  # of a bead diameter; after a longer step another one is made
 ROUNDS = 2
-NOT_CROWDED = -1
-CYCLIC = np.array([0, 1, 2, 0, 1])  # three axes, and the two that follow each
 
 
 class Fitted(msgspec.Struct, frozen=True):
@@ -104,10 +103,8 @@ class SymmetricFit:
     ) -> None:
         """diameter_px (n,); spacing_px (n,): to the nearest other bead, whose pixels are left out; channels:
         one of :data:`FIT_CHANNELS`; light: on the beads, like the skin's or even."""
-        self._weights = FIT_CHANNELS[channels]
+        weights = FIT_CHANNELS[channels]
         self._is_grey = channels == GREY_FIT
-        noise = NOISE_OF_THREE if channels == BOTH_FIT else NOISE
-        self._noise = noise * np.eye(len(self._weights), dtype=np.float32)[..., None]
         self._binning = 1 if self._is_grey and diameter_px.min() < FINE_BELOW_PX else BINNING
         self._diameter = np.asarray(diameter_px, np.float64) / self._binning
         steps = int(REACH / GRID_STEP) * GRID_STEP
@@ -120,135 +117,58 @@ class SymmetricFit:
         design = np.column_stack([np.ones_like(radius), lit, profile])
         outward = grid / np.maximum(radius, 1e-6)[:, None]
         motion = np.concatenate([-slope * outward[:, :1], -slope * outward[:, 1:]], axis=1)
-        steps_px = grid.T[:, None] * self._diameter[:, None]
-        self._steps: Floats = np.ascontiguousarray(steps_px, np.float32)
+        # Samples that are another bead's are left out; most beads have none.
         reach = np.clip(spacing_px / diameter_px - NEIGHBOUR, MIN_REACH, REACH)
-        inside, kind, beads_of = np.unique(
-            radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True, return_counts=True
-        )
-        most_first = np.argsort(-beads_of)
-        inside, kind = inside[most_first], np.argsort(most_first)[kind.ravel()]
+        own, kind = np.unique(radius <= reach[:, None] + 1e-9, axis=0, return_inverse=True)
         rows, gram = zip(
-            *(_least_squares(design * w[:, None], motion * w[:, None]) for w in inside), strict=True
+            *(_least_squares(design * w[:, None], motion * w[:, None]) for w in own), strict=True
         )
-        rows_of_kinds = np.array(rows, np.float32)
-        self._rows = rows_of_kinds[0]  # of most beads; the others leave out samples that are another bead's
-        self._crowded_beads = kind.nonzero()[0]
-        self._own_samples = inside[kind[self._crowded_beads], None].astype(np.float32)
-        self._rows_of_crowded = rows_of_kinds[kind[self._crowded_beads]]
-        self._index_of_crowded = np.full(len(kind), NOT_CROWDED)
-        self._index_of_crowded[self._crowded_beads] = np.arange(len(self._crowded_beads))
-        freedom = np.maximum(inside.sum(axis=1) - design.shape[1], 1)
-        self._per_freedom = (1.0 / freedom[kind]).astype(np.float32)
-        self._motion_gram: Floats = np.array(gram, np.float32)[kind].transpose(2, 1, 0).copy()
+        kind = kind.ravel()
+        freedom = np.maximum(own.sum(axis=1) - design.shape[1], 1)
+        matrices = SymmetricMatrices(
+            grid,
+            self._diameter,
+            weights,
+            kind,
+            own,
+            np.array(rows),
+            1.0 / freedom[kind],
+            np.array(gram)[kind],
+        )
+        limits = SymmetricLimits(
+            ROUNDS,
+            NOISE_OF_THREE if channels == BOTH_FIT else NOISE,
+            LEAST_VARIATION,
+            CLIPPED_GREY,
+            CLIPPED_SIGMA,
+            CLIPPED_SHARE,
+            MAX_STEP,
+            FAR_STEP,
+        )
+        self._steps = SymmetricSteps(matrices, limits)
 
-    def load(self, image: Plane, *, binned: bool = False) -> None:
+    def load(self, image: Image, *, binned: bool = False) -> None:
         """Take the image that is measured until the next one is loaded: (height, width, 3), and for grey also
         (height, width). binned: halved already, where this fit reads halved images."""
         if self._is_grey and image.ndim == COLOUR:
-            image = cast(Plane, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+            image = cast(Image, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
         if self._binning > 1 and not binned:
-            image = halved(image)
-        self._image: Floats = image.astype(np.float32, copy=False)
+            image = cast(Image, halved(image))
+        self._steps.load(image)
 
     def measure(self, start_px: Array, beads: Indices | None = None) -> Fitted:
         """Return the centres of `beads` (m,), all if None, near `start_px` (m, 2), at most `ROUNDS` steps
         away."""
         half = 0.5 * (self._binning - 1)
-        some = slice(None) if beads is None else beads
-        centre, diameter = (start_px - half) / self._binning, self._diameter[some]
-        step, sigma, explained, clipped = self._step(centre, some)
-        centre += step * diameter[:, None]
-        for _ in range(ROUNDS - 1):
-            far = (np.vecdot(step, step) > FAR_STEP**2).nonzero()[0]
-            if not len(far):
-                break
-            which = far if beads is None else beads[far]
-            step[far], sigma[far], explained[far], clipped[far] = self._step(centre[far], which)
-            centre[far] += step[far] * diameter[far, None]
-        return Fitted(centre * self._binning + half, sigma * diameter * self._binning, explained, clipped)
-
-    def _step(self, centre: Array, beads: slice | Indices) -> tuple[Array, Array, Floats, Floats]:
-        """Return the steps (m, 2) to the beads' centres and their standard deviations (m,), in bead
-        diameters, and explained and clipped (m,) of Fitted."""
-        column, row = self._steps[:, beads] + centre.T.astype(np.float32)[..., None]
-        edge = cv2.BORDER_REPLICATE
-        samples = cast(Floats, cv2.remap(self._image, column, row, cv2.INTER_LINEAR, borderMode=edge))
-        pixels, clipped = self._channels_of(samples)
-        products = (pixels.reshape(-1, pixels.shape[2]) @ self._rows).reshape(*pixels.shape[:2], -1)
-        others, inside, rows = self._crowded(beads)
-        if len(others):
-            seen = pixels[others]
-            products[others] = seen @ rows  # 0 where another bead is near
-            pixels[others] = seen * inside
-        covariance = np.vecdot(pixels[:, :, None], pixels[:, None])
-        parts = products.transpose(1, 2, 0).copy()  # beads last: sums of few numbers for many beads at once
-        per_freedom = self._per_freedom[beads]
-        profile, fitted = parts[:, :PROFILES], parts[:, 3 * PROFILES :]
-        left = parts[:, PROFILES : 3 * PROFILES].reshape(len(parts), 2, PROFILES, -1)
-        unexplained: Floats = covariance.transpose(1, 2, 0) - np.einsum("ikm,jkm->ijm", fitted, fitted)
-        by_profile = np.einsum(
-            "ikm,ikm->m", fitted[:, PLANE:], fitted[:, PLANE:]
-        )  # orthogonal to the light's
-        left_over = np.einsum("iim->m", unexplained) + LEAST_VARIATION * len(parts) / per_freedom
-        unexplained *= per_freedom
-        unexplained += self._noise
-        weighted = np.einsum("ijm,jpm->ipm", _inverse(unexplained), profile)
-        force_x, force_y = np.einsum("iapm,ipm->am", left, weighted)
-        contrast = np.einsum("ipm,iqm->pqm", weighted, profile).reshape(-1, len(centre))
-        xx, xy, yy = np.einsum("akm,km->am", self._motion_gram[..., beads], contrast).astype(np.float64)
-        determinant = np.maximum(xx * yy - xy * xy, 1e-12)
-        step = np.empty((len(centre), 2))
-        np.divide(yy * force_x - xy * force_y, determinant, out=step[:, 0])
-        np.divide(xx * force_y - xy * force_x, determinant, out=step[:, 1])
-        np.minimum(np.maximum(step, -MAX_STEP, out=step), MAX_STEP, out=step)
-        raised = 1.0 + CLIPPED_SIGMA * np.minimum(clipped / CLIPPED_SHARE, 1.0)
-        explained = by_profile / (by_profile + np.maximum(left_over, 0.0))
-        return step, np.sqrt((xx + yy) / determinant) * raised, explained, clipped
-
-    def _crowded(self, beads: slice | Indices) -> tuple[Indices, Floats, Floats]:
-        """Return which of the `beads` (m,) have another bead within their samples, (k,), which samples are
-        their own (k, 1, g), and their matrices of least squares."""
-        if isinstance(beads, slice):
-            return self._crowded_beads, self._own_samples, self._rows_of_crowded
-        index = self._index_of_crowded[beads]
-        others = (index != NOT_CROWDED).nonzero()[0]
-        return others, self._own_samples[index[others]], self._rows_of_crowded[index[others]]
-
-    def _channels_of(self, samples: Floats) -> tuple[Floats, Floats]:
-        """Return the channels (m, c, g) of samples (m, g, 3), or of grey ones (m, g), and the share (m,)
-        of clipped samples."""
-        if self._is_grey:
-            return samples[:, None], _clipped_share(samples)
-        pixels = samples.transpose(0, 2, 1).copy()
-        clipped = _clipped_share(pixels.reshape(len(pixels), -1))
-        if len(self._weights) < COLOUR:
-            pixels = self._weights @ pixels
-        return pixels, clipped
+        found = self._steps.measure((start_px - half) / self._binning, beads)
+        diameter_px = self._diameter * self._binning
+        sigma_px = found.sigma * (diameter_px if beads is None else diameter_px[beads])
+        return Fitted(found.position_px * self._binning + half, sigma_px, found.explained, found.clipped)
 
 
 def _skin_share(radius: Array) -> Array:
     """Return the share (g,) of skin at distances (g,) from a bead's centre, in bead diameters."""
     return np.asarray(0.5 + 0.5 * np.tanh((radius - BEAD_RADIUS) / BEAD_EDGE))
-
-
-def _clipped_share(values: Floats) -> Floats:
-    """Return the share (m,) of clipped samples (m, s)."""
-    _, clipped = cv2.threshold(values, CLIPPED_GREY, 1.0, cv2.THRESH_BINARY)
-    return np.asarray(clipped @ np.full(values.shape[1], 1.0 / values.shape[1], np.float32))
-
-
-def _inverse(matrices: Floats) -> Floats:
-    """Return the inverses of symmetric matrices (k, k, m), k at most 3, by their cofactors."""
-    size = len(matrices)
-    if size == 1:
-        return np.asarray(1.0 / matrices)
-    if size == 2:
-        (xx, xy), (_, yy) = matrices
-        return np.asarray(np.stack([yy, -xy, -xy, xx]).reshape(matrices.shape) / (xx * yy - xy * xy))
-    twice = matrices.take(CYCLIC, axis=0).take(CYCLIC, axis=1)
-    cofactors = twice[1:4, 1:4] * twice[2:5, 2:5] - twice[1:4, 2:5] * twice[2:5, 1:4]
-    return np.asarray(cofactors / np.einsum("im,im->m", cofactors[0], matrices[0]))
 
 
 def radial_splines(radius: Array) -> tuple[Array, Array]:
@@ -271,11 +191,11 @@ def _cubic(distance: Array) -> tuple[Array, Array]:
 
 def _least_squares(design: Array, motion: Array) -> tuple[Array, Array]:
     """Return the columns (g, 3 p + k) whose products with a bead's samples are its profile, the motion's
-    products with what the fit leaves, and the fit in orthonormal parts; and the products (p p, 3) of the
+    products with what the fit leaves, and the fit in orthonormal parts; and the products (3, p p) of the
     motion's own residuals, by two profiles, for xx, xy and yy."""
     normal = design.T @ design + 1e-9 * np.eye(design.shape[1])
     solution = np.linalg.solve(normal, design.T)
     orthonormal = np.linalg.solve(np.linalg.cholesky(normal), design.T)
     left = motion - design @ (solution @ motion)
     gram = (left.T @ left).reshape(2, PROFILES, 2, PROFILES).transpose(1, 3, 0, 2).reshape(-1, 4)
-    return np.concatenate([solution[PLANE:], left.T, orthonormal]).T, gram[:, [0, 1, 3]]
+    return np.concatenate([solution[PLANE:], left.T, orthonormal]).T, gram[:, [0, 1, 3]].T

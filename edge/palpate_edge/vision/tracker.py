@@ -20,11 +20,11 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask, Plane, median
+from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane, median
 from palpate_edge.geometry.points import distances
-from palpate_edge.vision.appearance import Appearance, plane, plane_of_colours
+from palpate_edge.kernels.halving import HalvedColours
+from palpate_edge.vision.appearance import Appearance, colour_weights, plane
 from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
-from palpate_edge.vision.binning import HalvedPixels
 from palpate_edge.vision.blob_detection import BlobDetector
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
@@ -66,7 +66,7 @@ class Tracker:
         self._reference = reference
         self._neighbourhood = reference.neighbourhood
         self._windows = WindowSearch(reference)
-        self._pixels = HalvedPixels()
+        self._pixels = HalvedColours()
         self._labels = LabelCheck(reference)
         self._correspondence = Correspondence(reference.neighbourhood)
         self._diameter_px = median(reference.diameter_px)
@@ -99,8 +99,8 @@ class Tracker:
         """
         if image.ndim != COLOUR or appearance.channel == "grey" or self._windows.binning == 1:
             return self.follow(plane(image, appearance), image)
-        pixels = self._pixels.read(image)
-        return self._follow(plane_of_colours(pixels, appearance), pixels, halvings=1)
+        pixels, dark = self._pixels.read(image, colour_weights(appearance))
+        return self._follow(dark, pixels, halvings=1)
 
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
         """Return the beads of the next frame.
@@ -110,7 +110,7 @@ class Tracker:
         """
         return self._follow(dark, image, halvings=0)
 
-    def _follow(self, dark: Plane, image: Image | Floats | None, *, halvings: int) -> Beads:
+    def _follow(self, dark: Plane, image: Image | None, *, halvings: int) -> Beads:
         """Return the beads of the next frame; plane and image were halved so often, at most once."""
         fit = None if image is None or not (self._fits_grey or image.ndim == COLOUR) else self._fit
         if fit is not None and image is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_edge.vision.appearance import CHANNELS, Appearance, plane, plane_of_colours
+from palpate_edge.vision.appearance import CHANNELS, Appearance, colour_weights, plane
 
 
 @pytest.mark.parametrize("channel", [name for name in CHANNELS if name != "grey"])
@@ -16,4 +16,4 @@ def test_a_plane_is_the_weighted_sum_of_the_channels(channel: str, bright: bool)
     found = plane(image, Appearance(channel, bright))
     assert found.dtype == np.float32
     assert np.array_equal(found, expected)
-    assert np.allclose(plane_of_colours(image.astype(np.float32), Appearance(channel, bright)), expected)
+    assert np.array_equal(image @ np.array(colour_weights(Appearance(channel, bright))), expected)

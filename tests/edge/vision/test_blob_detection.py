@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate_edge.vision.appearance import Appearance, plane, unlit_grey
-from palpate_edge.vision.binning import HalvedPixels, halved
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.blob_detection import BlobDetector, find_blobs
 from palpate_edge.vision.shading import Shading, skin_slope
 from palpate_edge.vision.subpixel import Refiner
@@ -207,16 +207,6 @@ def test_halved_pixels_are_means_of_two_by_two(shape):
     small = halved(image)
     assert small.shape[:2] == (3, 4)
     assert np.allclose(small[1, 2], image[2:4, 4:6].mean(axis=(0, 1)))
-
-
-def test_memory_of_halved_pixels_is_reused_by_images_of_any_shape():
-    pixels, random = HalvedPixels(), np.random.default_rng(1)
-    for height, width in ((6, 8), (6, 8), (7, 13)):
-        image = random.integers(0, 256, (height, width, 3)).astype(np.uint8)
-        rows, columns = height // 2, width // 2
-        whole = image[: 2 * rows, : 2 * columns].astype(int)
-        sums = whole.reshape(rows, 2, columns, 2, 3).sum(axis=(1, 3))
-        assert np.array_equal(pixels.read(image), (sums + 2) // 4)
 
 
 def test_a_detector_gives_the_same_blobs_after_planes_of_other_sizes_and_types(scattered):

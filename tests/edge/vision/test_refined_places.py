@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from palpate_edge.vision.binning import HalvedPixels, halved
+from palpate_edge.vision.binning import halved
 from palpate_edge.vision.shading import Shading, skin_reach, skin_slope
 from palpate_edge.vision.subpixel import Refiner
 
@@ -28,17 +28,6 @@ def test_a_halved_image_has_the_means_of_two_by_two() -> None:
     image = np.random.default_rng(1).uniform(0.0, 255.0, (7, 9, 3))
     expected = image[:6, :8].reshape(3, 2, 4, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(halved(image), expected, rtol=1e-12)
-
-
-def test_memory_for_halved_pixels_is_reused_and_follows_the_size() -> None:
-    random, reader = np.random.default_rng(2), HalvedPixels()
-    first = reader.read(random.integers(0, 256, (8, 12, 3), dtype=np.uint8))
-    image = random.integers(0, 256, (9, 13, 3), dtype=np.uint8)
-    again = reader.read(image)
-    assert again is first and again.shape == (4, 6, 3) and again.dtype == np.float32
-    np.testing.assert_array_equal(again, halved(image))
-    taller = random.integers(0, 256, (12, 12, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(reader.read(taller), halved(taller))
 
 
 def test_the_slope_of_a_plane_is_exact_and_outliers_do_not_count() -> None:

@@ -1,0 +1,220 @@
+/* Weighted centroids of beads, each in a small window: vision/subpixel.py has the method.
+ *
+ * Pixels beyond the plane's edge repeat those at it. All places are in binned pixels. */
+
+#include "kernels.h"
+
+enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS };
+
+struct centroid_finder {
+    int32_t beads, side, reach, per_bead; /* of the windows; whether each bead has weights of its own */
+    int32_t is_shaded;                    /* by a light: then `unlit` and `slope` count */
+    float gate, unlit, darkest_skin;
+    double max_step;           /* bead diameters */
+    const int32_t *circles;    /* (beads, CIRCLE, 2), column and row from the centre: of the skin, of the core */
+    const float *ranks;        /* (2, SKIN_PIXELS): weights of the skin's sorted pixels in its grey, its variation */
+    const float *added;        /* (beads or 1, side * side), to the weights of a window's pixels */
+    const float *slope;        /* (beads, 2), of the skin's grey over the contrast */
+    const double *slope_shift; /* (beads, 2), which the slope adds to the centroid */
+    const float *half_area;    /* (beads) */
+    const double *diameter;    /* (beads) */
+    float *window;             /* (side * side), memory to work in */
+    const int32_t *which;      /* (beads), the beads that are looked for, where, and what is found: */
+    const double *start;       /* (beads, 2) */
+    const float *min_contrast; /* (beads) */
+    double *place;             /* (beads, 2) */
+    float *contrast, *area, *unevenness;
+    uint8_t *converged;
+    int32_t *windows;
+};
+
+struct plane {
+    const void *pixels;
+    int32_t is_bytes, height, width;
+};
+
+struct levels {
+    float skin, contrast, scale, unevenness;
+};
+
+static int32_t limited(int32_t value, int32_t high) { return value < 0 ? 0 : value > high ? high : value; }
+
+static float pixel(struct plane plane, int32_t column, int32_t row) {
+    const int64_t index =
+        (int64_t)limited(row, plane.height - 1) * plane.width + limited(column, plane.width - 1);
+    return plane.is_bytes ? (float)((const uint8_t *)plane.pixels)[index] : ((const float *)plane.pixels)[index];
+}
+
+/* Sort a few numbers: odd-even merge sort (Batcher), the same steps for any input. */
+static void sort_skin(float values[SKIN_PIXELS]) {
+    for (int p = 1; p < SKIN_PIXELS; p *= 2) {
+        for (int k = p; k >= 1; k /= 2) {
+            for (int j = k % p; j + k < SKIN_PIXELS; j += 2 * k) {
+                for (int i = 0; i < k && i + j + k < SKIN_PIXELS; i++) {
+                    if ((i + j) / (2 * p) != (i + j + k) / (2 * p)) continue;
+                    const float low = values[i + j], high = values[i + j + k];
+                    values[i + j] = smaller(low, high);
+                    values[i + j + k] = larger(low, high);
+                }
+            }
+        }
+    }
+}
+
+static struct levels measure_levels(const struct centroid_finder *finder, struct plane plane, int bead,
+                                    const int32_t centre[2]) {
+    const int32_t *step = finder->circles + (int64_t)bead * CIRCLE * 2;
+    float skin[SKIN_PIXELS], core = 0.0f, grey = 0.0f, variation = 0.0f;
+    for (int i = 0; i < SKIN_PIXELS; i++) skin[i] = pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    for (int i = SKIN_PIXELS; i < CIRCLE; i++) core += pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    sort_skin(skin);
+    for (int i = 0; i < SKIN_PIXELS; i++) {
+        grey += finder->ranks[i] * skin[i];
+        variation += finder->ranks[SKIN_PIXELS + i] * skin[i];
+    }
+    struct levels levels = {grey, grey - core / CORE_PIXELS, 0.0f, 0.0f};
+    levels.scale = 1.0f / larger(levels.contrast, 1.0f);
+    levels.unevenness = variation * levels.scale;
+    return levels;
+}
+
+static void read_window(const struct centroid_finder *finder, struct plane plane, const int32_t centre[2]) {
+    const int side = finder->side;
+    const int32_t left = centre[0] - finder->reach, top = centre[1] - finder->reach;
+    const int is_inside = left >= 0 && top >= 0 && left + side <= plane.width && top + side <= plane.height;
+    for (int y = 0; y < side; y++) {
+        float *row = finder->window + y * side;
+        const int64_t start = (int64_t)(top + y) * plane.width + left;
+        if (!is_inside) {
+            for (int x = 0; x < side; x++) row[x] = pixel(plane, left + x, top + y);
+        } else if (plane.is_bytes) {
+            const uint8_t *pixels = (const uint8_t *)plane.pixels + start;
+            for (int x = 0; x < side; x++) row[x] = (float)pixels[x];
+        } else {
+            const float *pixels = (const float *)plane.pixels + start;
+            for (int x = 0; x < side; x++) row[x] = pixels[x];
+        }
+    }
+}
+
+/* The centroid, from the centre of its window, and the bead's area. */
+static void measure_window(const struct centroid_finder *finder, struct plane plane, int bead, const int32_t centre[2],
+                           struct levels levels, double offset[2], float *area) {
+    const int side = finder->side, reach = finder->reach;
+    const float *added = finder->added + (finder->per_bead ? (int64_t)bead * side * side : 0);
+    const float *slope = finder->slope + 2 * bead;
+    float skin = levels.skin, unlit = 0.0f, slope_x = 0.0f, slope_y = 0.0f;
+    if (finder->is_shaded) {
+        unlit = finder->unlit;
+        skin -= unlit;
+        const float size = skin < 0 ? -skin : skin;
+        const float lit = larger(size, larger(finder->darkest_skin * levels.contrast, 1.0f));
+        slope_x = slope[0] / (skin < 0 ? -lit : lit);
+        slope_y = slope[1] / (skin < 0 ? -lit : lit);
+    }
+    const float constant = skin * levels.scale - finder->gate;
+    float mass = 0.0f, moment_x = 0.0f, moment_y = 0.0f;
+    read_window(finder, plane, centre);
+    for (int y = 0; y < side; y++) {
+        const float *pixels = finder->window + y * side, *more = added + y * side;
+        const float factor = (float)(y - reach) * slope_y - levels.scale;
+        float sum = 0.0f;
+        for (int x = 0; x < side; x++) {
+            const float linear = (pixels[x] - unlit) * (factor + (float)(x - reach) * slope_x) + constant + more[x];
+            const float darker = within(linear, 0.0f, 1.0f);
+            const float weight = darker * darker * (1.5f - darker); /* smooth at both ends */
+            sum += weight;
+            moment_x += weight * (float)(x - reach);
+        }
+        mass += sum;
+        moment_y += sum * (float)(y - reach);
+    }
+    mass = larger(mass, 1e-3f);
+    offset[0] = (double)(moment_x / mass) - finder->slope_shift[2 * bead];
+    offset[1] = (double)(moment_y / mass) - finder->slope_shift[2 * bead + 1];
+    *area = mass / finder->half_area[bead];
+}
+
+/* The nearest place inside the plane; NaN becomes its corner. */
+static void move_inside(struct plane plane, double place[2], int32_t centre[2]) {
+    const double high[2] = {plane.width - 1.0, plane.height - 1.0};
+    for (int a = 0; a < 2; a++) {
+        place[a] = place[a] > 0.0 ? (place[a] < high[a] ? place[a] : high[a]) : 0.0;
+        centre[a] = (int32_t)__builtin_rint(place[a]);
+    }
+}
+
+static double clipped(double value, double limit) {
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+static void find_centroid(const struct centroid_finder *finder, struct plane plane, int i, int max_steps,
+                          double converged_step) {
+    const int bead = finder->which[i];
+    const double *start = finder->start + 2 * i;
+    const double diameter = finder->diameter[bead];
+    const double limit = finder->max_step * diameter;
+    const double near_squared = converged_step * converged_step * diameter * diameter;
+    double place[2] = {start[0], start[1]}, step[2] = {0, 0}, squared = 0.0;
+    finder->windows[i] = 0;
+    for (int taken = 0; taken < max_steps; taken++) {
+        int32_t centre[2];
+        double offset[2];
+        if (taken) {
+            for (int a = 0; a < 2; a++) place[a] += clipped(step[a], limit);
+        }
+        move_inside(plane, place, centre);
+        const struct levels levels = measure_levels(finder, plane, bead, centre);
+        measure_window(finder, plane, bead, centre, levels, offset, &finder->area[i]);
+        finder->windows[i]++;
+        finder->unevenness[i] = levels.unevenness;
+        finder->contrast[i] = levels.contrast;
+        for (int a = 0; a < 2; a++) {
+            finder->place[2 * i + a] = centre[a] + offset[a];
+            step[a] = finder->place[2 * i + a] - place[a];
+        }
+        squared = step[0] * step[0] + step[1] * step[1];
+        const int is_faint = !taken && !(levels.contrast >= finder->min_contrast[i]);
+        if (is_faint || !(squared > near_squared)) break;
+    }
+    finder->converged[i] = squared <= near_squared;
+    if (start[0] < 0 || start[1] < 0 || start[0] > plane.width - 1.0 || start[1] > plane.height - 1.0) {
+        finder->contrast[i] = 0.0f;
+        for (int a = 0; a < 2; a++) finder->place[2 * i + a] = start[a];
+    }
+}
+
+/* How many starts show a contrast below `min_contrast`; contrasts and unevenness are kept. */
+static int count_faint(const struct centroid_finder *finder, struct plane plane, int count) {
+    int faint = 0;
+    for (int i = 0; i < count; i++) {
+        double place[2] = {finder->start[2 * i], finder->start[2 * i + 1]};
+        int32_t centre[2];
+        move_inside(plane, place, centre);
+        const struct levels levels = measure_levels(finder, plane, finder->which[i], centre);
+        finder->contrast[i] = levels.contrast;
+        finder->unevenness[i] = levels.unevenness;
+        faint += !(levels.contrast >= finder->min_contrast[i]);
+    }
+    return faint;
+}
+
+/* Find the centroids of the first `count` beads of `which`. Where more than `max_faint` starts are faint, all
+ * stay where they are. */
+KERNEL int find_centroids(const struct centroid_finder *finder, const void *pixels, int32_t is_bytes, int32_t height,
+                          int32_t width, int32_t count, int32_t max_steps, int32_t max_faint, double converged_step) {
+    const struct plane plane = {pixels, is_bytes, height, width};
+    const int stays = max_faint < count && count_faint(finder, plane, count) > max_faint;
+    for (int i = 0; i < count; i++) {
+        if (!stays) {
+            find_centroid(finder, plane, i, max_steps, converged_step);
+            continue;
+        }
+        finder->place[2 * i] = finder->start[2 * i];
+        finder->place[2 * i + 1] = finder->start[2 * i + 1];
+        finder->area[i] = 0.0f;
+        finder->converged[i] = 0;
+        finder->windows[i] = 0;
+    }
+    return 0;
+}

@@ -1,0 +1,132 @@
+"""Steps to the centres of symmetry of beads; vision/symmetric_fit.py has the method."""
+
+from __future__ import annotations
+
+import ctypes
+from ctypes import c_float, c_int32
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask
+from palpate_edge.kernels.library import POINTER, address, kernel
+
+COLUMNS = 24  # of a row of the least squares; the kernel reads the unused ones as 0
+MOST_SAMPLES = 256
+LEAST_SIDE_PX = 2  # of an image
+
+
+class SymmetricMatrices(NamedTuple):
+    """Constants of the fit of n beads in k kinds with g samples and p profiles.
+
+    grid (g, 2), bead diameters; diameter_px (n,); weights (c, 3) of B, G, R for each channel; kind (n,);
+    own (k, g): 1 for samples that are a bead's own, else 0; rows (k, g, 4 p + 3): see
+    symmetric_fit.py; per_freedom (n,); motion_gram (n, 3, p p).
+    """
+
+    grid: Array
+    diameter_px: Array
+    weights: Floats
+    kind: Indices
+    own: Mask
+    rows: Array
+    per_freedom: Array
+    motion_gram: Array
+
+
+class SymmetricLimits(NamedTuple):
+    """Numbers of symmetric_fit.py, by their names there; steps in bead diameters, greys in grey levels."""
+
+    rounds: int
+    noise: float
+    least_variation: float
+    clipped_grey: float
+    clipped_sigma: float
+    clipped_share: float
+    max_step: float
+    far_step: float
+
+
+class Centres(NamedTuple):
+    """position_px (m, 2) in the image that was read; sigma (m,), bead diameters; explained, clipped (m,)."""
+
+    position_px: Array
+    sigma: Array
+    explained: Floats
+    clipped: Floats
+
+
+class _Fit(ctypes.Structure):
+    _fields_ = (
+        *((name, c_int32) for name in ("beads", "samples", "padded_samples", "channels", "rounds")),
+        *((name, c_float) for name in SymmetricLimits._fields[1:]),
+        *((name, POINTER) for name in SymmetricMatrices._fields),
+        *((name, POINTER) for name in ("which", *Centres._fields)),
+    )
+
+
+class SymmetricSteps:
+    """Moves places to the centres of symmetry of beads in an image."""
+
+    def __init__(self, matrices: SymmetricMatrices, limits: SymmetricLimits) -> None:
+        """Raises ValueError where the kernel has no room for so many samples or columns."""
+        kinds, samples, columns = matrices.rows.shape
+        padded = -(-samples // 4) * 4
+        if padded > MOST_SAMPLES or columns > COLUMNS:
+            raise ValueError(f"the kernel has no room for {samples} samples, {columns} columns")
+        count = len(matrices.diameter_px)
+        grid, own = np.zeros((2, padded), np.float32), np.zeros((kinds, padded), np.float32)
+        rows = np.zeros((kinds, padded, COLUMNS), np.float32)
+        grid[:, :samples] = matrices.grid.T
+        own[:, :samples] = matrices.own
+        rows[:, :samples, :columns] = matrices.rows
+        self._which = np.arange(count, dtype=np.int32)
+        self._centres = Centres(np.zeros((count, 2)), np.zeros(count), *np.zeros((2, count), np.float32))
+        self._arrays = (  # in the order of the structure; kept as long as the fit is used
+            grid,
+            np.asarray(matrices.diameter_px, np.float32),
+            np.ascontiguousarray(matrices.weights, np.float32),
+            np.asarray(matrices.kind, np.int32),
+            own,
+            rows,
+            np.asarray(matrices.per_freedom, np.float32),
+            np.ascontiguousarray(matrices.motion_gram, np.float32),
+            self._which,
+            *self._centres,
+        )
+        addresses = (address(array, array.dtype.type) for array in self._arrays)
+        channels = len(matrices.weights)
+        self._fit = ctypes.byref(_Fit(count, samples, padded, channels, *limits, *addresses))
+        self._all = self._which.copy()
+        self._measure = kernel("symmetric_fit_measure", POINTER, POINTER, *[c_int32] * 4)
+        self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX), np.uint8))
+
+    def load(self, image: Image) -> None:
+        """Take the image (height, width, 3) or (height, width) that is measured until the next one is loaded.
+
+        Raises ValueError for one that is smaller than two by two pixels.
+        """
+        height, width = image.shape[:2]
+        if min(height, width) < LEAST_SIDE_PX:
+            raise ValueError(f"an image of {width} x {height} pixels shows no bead")
+        self._image = np.ascontiguousarray(image)
+        self._shape = address(self._image, np.uint8), height, width, image.size // (height * width)
+
+    def measure(self, start_px: Array, beads: Indices | None) -> Centres:
+        """Return the centres near `start_px` (m, 2), in the image's pixels, of `beads` (m,), all if None.
+
+        Raises ValueError for beads that the layout does not have, or places of another number of beads.
+        """
+        which = self._all if beads is None else beads
+        count = len(which)
+        if start_px.shape != (count, 2) or count > len(self._all):
+            raise ValueError(f"{count} beads were given with places of shape {start_px.shape}")
+        if beads is not None and count and not 0 <= which.min() <= which.max() < len(self._all):
+            raise ValueError(f"a bead is not among the {len(self._all)} of the layout")
+        self._which[:count] = which
+        self._centres.position_px[:count] = start_px
+        self._measure(self._fit, *self._shape, count)
+        position_px, sigma, explained, clipped = self._centres
+        return Centres(
+            position_px[:count].copy(), sigma[:count].copy(), explained[:count].copy(), clipped[:count].copy()
+        )
