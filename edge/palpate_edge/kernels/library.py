@@ -47,6 +47,12 @@ def address(array: NDArray[Any], dtype: type[np.generic]) -> int:
     return array.ctypes.data
 
 
+def checksum(folder: Path) -> int:
+    """Return the checksum of the C sources in a folder, as hatch_build.py compiles it into the library."""
+    sources = sorted(path for path in folder.iterdir() if path.suffix in (".c", ".h"))
+    return zlib.crc32(b"".join(path.read_bytes() for path in sources))
+
+
 def machine() -> str:
     """Return the name of this machine's library: its architecture, and on x86-64 the level if it has AVX2."""
     architecture = platform.machine()
@@ -67,8 +73,7 @@ def _library() -> ctypes.CDLL:
         )
     library = ctypes.CDLL(str(path))
     library.kernels_checksum.restype = ctypes.c_uint32
-    sources = sorted(source for source in FOLDER.iterdir() if source.suffix in (".c", ".h"))
-    if library.kernels_checksum() != zlib.crc32(b"".join(source.read_bytes() for source in sources)):
+    if library.kernels_checksum() != checksum(FOLDER):
         raise KernelsError(
             f"palpate's compiled kernels {path} are not those of its sources: run python hatch_build.py there"
         )

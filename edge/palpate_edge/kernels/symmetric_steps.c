@@ -5,7 +5,7 @@
 
 #include "kernels.h"
 
-enum { PROFILES = 5, PLANE = 3, FITTED = PLANE + PROFILES, COLUMNS = 24, MOST_SAMPLES = 256, MOST_CHANNELS = 3 };
+enum { PROFILES = 5, PLANE = 3, FITTED = PLANE + PROFILES, COLUMNS = 24, MOST_SAMPLES = 256, MOST_COLOURS = 3 };
 
 static const double LEAST_DETERMINANT = 1e-12, LEAST_TRACE = 1e-6;
 
@@ -75,53 +75,99 @@ static float sample_grey(const uint8_t *upper, const uint8_t *lower, float right
     return first + below * (second - first);
 }
 
-/* Read the samples (channels, padded_samples) above the centre's; return the share that is clipped. */
-static float read_samples(const struct symmetric_fit *fit, struct image image, const double centre[2],
-                          float diameter, float values[MOST_CHANNELS][MOST_SAMPLES]) {
-    int32_t index[MOST_SAMPLES];
-    float right[MOST_SAMPLES], below[MOST_SAMPLES];
-    place_samples(fit, image, centre, diameter, index, right, below);
+/* Products of a bead's samples: with the rows of the least squares, and with each other. */
+struct products {
+    float rows[MOST_COLOURS][COLUMNS], squares[MOST_COLOURS][MOST_COLOURS], clipped;
+};
+
+/* Samples of B, G, R in one sum for each: 12 of them, which do not wait for each other. */
+static void multiply_colours(const struct symmetric_fit *fit, struct image image, int kind, const int32_t *index,
+                             const float *right, const float *below, struct products *out) {
+    const float *own = fit->own + (int64_t)kind * fit->padded_samples;
+    const float8 *rows = (const float8 *)(fit->rows + (int64_t)kind * fit->padded_samples * COLUMNS);
     const int32_t row = image.width * image.colours, count = fit->samples;
-    float clipped = 0.0f;
-    if (image.colours == 1) {
-        for (int g = 0; g < count; g++) {
-            const uint8_t *upper = image.pixels + index[g];
-            values[0][g] = sample_grey(upper, upper + row, right[g], below[g]);
-        }
-        for (int g = 0; g < count; g++) clipped += values[0][g] > fit->clipped_grey ? 1.0f : 0.0f;
-        const float centre_grey = values[0][count / 2];
-        for (int g = 0; g < count; g++) values[0][g] -= centre_grey;
-        return clipped / (float)count;
-    }
-    float4 colours[MOST_SAMPLES], white = {0, 0, 0, 0};
+    const uint8_t *middle = image.pixels + index[count / 2];
+    const float4 centre = sample_colours(middle, middle + row, right[count / 2], below[count / 2]);
+    float8 sums[MOST_COLOURS][COLUMNS / 8] = {{{0}}};
+    float4 squares[MOST_COLOURS] = {{0}}, white = {0, 0, 0, 0}, above[MOST_SAMPLES];
     for (int g = 0; g < count; g++) {
         const uint8_t *upper = image.pixels + index[g];
-        colours[g] = sample_colours(upper, upper + row, right[g], below[g]);
-        white -= __builtin_convertvector(colours[g] > fit->clipped_grey, float4); /* true is -1 */
+        const float4 sample = sample_colours(upper, upper + row, right[g], below[g]);
+        white -= __builtin_convertvector(sample > fit->clipped_grey, float4); /* true is -1 */
+        above[g] = own[g] * (sample - centre);
+        for (int c = 0; c < MOST_COLOURS; c++) squares[c] += above[g][c] * above[g];
     }
-    const float4 centre_colours = colours[count / 2];
-    for (int c = 0; c < fit->channels; c++) {
-        const float *w = fit->weights + 3 * c;
-        for (int g = 0; g < count; g++) {
-            const float4 above = colours[g] - centre_colours;
-            values[c][g] = w[0] * above[0] + w[1] * above[1] + w[2] * above[2];
+    for (int g = 0; g < count; g++) { /* in a loop of its own: the sums fill the registers */
+        for (int c = 0; c < MOST_COLOURS; c++) {
+            for (int v = 0; v < COLUMNS / 8; v++) sums[c][v] += above[g][c] * rows[g * (COLUMNS / 8) + v];
         }
     }
-    return (white[0] + white[1] + white[2]) / (float)(3 * count);
+    for (int c = 0; c < MOST_COLOURS; c++) {
+        for (int d = 0; d < MOST_COLOURS; d++) out->squares[c][d] = squares[c][d];
+    }
+    __builtin_memcpy(out->rows, sums, sizeof sums);
+    out->clipped = (white[0] + white[1] + white[2]) / (float)(MOST_COLOURS * count);
 }
 
-/* The products (COLUMNS) of one channel's samples and the rows of the least squares. */
-static void multiply_rows(const float *samples, const float *rows, int count, float products[COLUMNS]) {
+static void multiply_greys(const struct symmetric_fit *fit, struct image image, int kind, const int32_t *index,
+                           const float *right, const float *below, struct products *out) {
+    const float *own = fit->own + (int64_t)kind * fit->padded_samples;
+    const float8 *rows = (const float8 *)(fit->rows + (int64_t)kind * fit->padded_samples * COLUMNS);
+    const int32_t count = fit->samples;
+    const uint8_t *middle = image.pixels + index[count / 2];
+    const float centre = sample_grey(middle, middle + image.width, right[count / 2], below[count / 2]);
     float8 sums[COLUMNS / 8] = {{0}};
+    float squares = 0.0f, white = 0.0f;
     for (int g = 0; g < count; g++) {
-        const float8 *row = (const float8 *)(rows + (int64_t)g * COLUMNS);
-        for (int v = 0; v < COLUMNS / 8; v++) sums[v] += samples[g] * row[v];
+        const uint8_t *upper = image.pixels + index[g];
+        const float sample = sample_grey(upper, upper + image.width, right[g], below[g]);
+        white += sample > fit->clipped_grey ? 1.0f : 0.0f;
+        const float above = own[g] * (sample - centre);
+        squares += above * above;
+        for (int v = 0; v < COLUMNS / 8; v++) sums[v] += above * rows[g * (COLUMNS / 8) + v];
     }
-    __builtin_memcpy(products, sums, sizeof sums);
+    __builtin_memcpy(out->rows, sums, sizeof sums);
+    out->squares[0][0] = squares;
+    out->clipped = white / (float)count;
+}
+
+/* The products of the channels that are fitted, in place of those of B, G, R. */
+static void mix_channels(const struct symmetric_fit *fit, struct products *products) {
+    const struct products of_colours = *products;
+    for (int i = 0; i < fit->channels; i++) {
+        const float *w = fit->weights + MOST_COLOURS * i;
+        for (int k = 0; k < COLUMNS; k++) {
+            products->rows[i][k] =
+                w[0] * of_colours.rows[0][k] + w[1] * of_colours.rows[1][k] + w[2] * of_colours.rows[2][k];
+        }
+        for (int j = 0; j <= i; j++) {
+            const float *v = fit->weights + MOST_COLOURS * j;
+            float sum = 0.0f;
+            for (int c = 0; c < MOST_COLOURS; c++) {
+                for (int d = 0; d < MOST_COLOURS; d++) sum += w[c] * v[d] * of_colours.squares[c][d];
+            }
+            products->squares[i][j] = sum;
+        }
+    }
+}
+
+static struct products measure_products(const struct symmetric_fit *fit, struct image image, int bead,
+                                        const double centre[2]) {
+    int32_t index[MOST_SAMPLES];
+    float right[MOST_SAMPLES], below[MOST_SAMPLES];
+    struct products out;
+    place_samples(fit, image, centre, fit->diameter[bead], index, right, below);
+    if (image.colours == 1) {
+        multiply_greys(fit, image, fit->kind[bead], index, right, below, &out);
+    } else {
+        multiply_colours(fit, image, fit->kind[bead], index, right, below, &out);
+        mix_channels(fit, &out);
+    }
+    return out;
 }
 
 /* The inverse of a symmetric matrix of 1 to 3 rows, by its cofactors. */
-static void invert(const float m[MOST_CHANNELS][MOST_CHANNELS], int size, float out[MOST_CHANNELS][MOST_CHANNELS]) {
+static void invert(const float m[MOST_COLOURS][MOST_COLOURS], int size, float out[MOST_COLOURS][MOST_COLOURS]) {
     if (size == 1) {
         out[0][0] = 1.0f / m[0][0];
     } else if (size == 2) {
@@ -146,28 +192,21 @@ static void invert(const float m[MOST_CHANNELS][MOST_CHANNELS], int size, float 
 /* One step, in bead diameters, from a centre to that of symmetry. */
 static struct measured measure_step(const struct symmetric_fit *fit, struct image image, int bead,
                                     const double centre[2]) {
-    const int channels = fit->channels, count = fit->samples, kind = fit->kind[bead];
-    const float *own = fit->own + (int64_t)kind * fit->padded_samples;
-    const float *rows = fit->rows + (int64_t)kind * fit->padded_samples * COLUMNS;
-    float values[MOST_CHANNELS][MOST_SAMPLES], products[MOST_CHANNELS][COLUMNS];
+    const int channels = fit->channels;
+    const struct products of = measure_products(fit, image, bead, centre);
     struct measured out;
-    out.clipped = read_samples(fit, image, centre, fit->diameter[bead], values);
-    for (int c = 0; c < channels; c++) {
-        for (int g = 0; g < count; g++) values[c][g] *= own[g];
-        multiply_rows(values[c], rows, count, products[c]);
-    }
+    out.clipped = of.clipped;
     const float per_freedom = fit->per_freedom[bead];
-    float unexplained[MOST_CHANNELS][MOST_CHANNELS], inverse[MOST_CHANNELS][MOST_CHANNELS];
+    float unexplained[MOST_COLOURS][MOST_COLOURS], inverse[MOST_COLOURS][MOST_COLOURS];
     float by_profile = 0.0f, left_over = fit->least_variation * (float)channels / per_freedom;
     for (int i = 0; i < channels; i++) {
-        const float *fitted = products[i] + 3 * PROFILES;
+        const float *fitted = of.rows[i] + 3 * PROFILES;
         for (int k = PLANE; k < FITTED; k++) by_profile += fitted[k] * fitted[k]; /* orthogonal to the light's */
         for (int j = 0; j <= i; j++) {
-            const float *other = products[j] + 3 * PROFILES;
-            float sum = 0.0f, explained = 0.0f;
-            for (int g = 0; g < count; g++) sum += values[i][g] * values[j][g];
+            const float *other = of.rows[j] + 3 * PROFILES;
+            float explained = 0.0f;
             for (int k = 0; k < FITTED; k++) explained += fitted[k] * other[k];
-            unexplained[i][j] = unexplained[j][i] = (sum - explained) * per_freedom;
+            unexplained[i][j] = unexplained[j][i] = (of.squares[i][j] - explained) * per_freedom;
         }
         left_over += unexplained[i][i] / per_freedom;
         unexplained[i][i] += fit->noise;
@@ -177,10 +216,10 @@ static struct measured measure_step(const struct symmetric_fit *fit, struct imag
     for (int i = 0; i < channels; i++) {
         for (int p = 0; p < PROFILES; p++) {
             float weighted = 0.0f;
-            for (int j = 0; j < channels; j++) weighted += inverse[i][j] * products[j][p];
-            force[0] += products[i][PROFILES + p] * weighted;
-            force[1] += products[i][2 * PROFILES + p] * weighted;
-            for (int q = 0; q < PROFILES; q++) contrast[p][q] += weighted * products[i][q];
+            for (int j = 0; j < channels; j++) weighted += inverse[i][j] * of.rows[j][p];
+            force[0] += of.rows[i][PROFILES + p] * weighted;
+            force[1] += of.rows[i][2 * PROFILES + p] * weighted;
+            for (int q = 0; q < PROFILES; q++) contrast[p][q] += weighted * of.rows[i][q];
         }
     }
     double gram[3] = {0, 0, 0};

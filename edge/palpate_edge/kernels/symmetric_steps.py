@@ -12,7 +12,7 @@ from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask
 from palpate_edge.kernels.library import POINTER, address, kernel
 
 COLUMNS = 24  # of a row of the least squares; the kernel reads the unused ones as 0
-MOST_SAMPLES = 256
+MOST_SAMPLES, COLOURS = 256, 3
 LEAST_SIDE_PX = 2  # of an image
 
 
@@ -72,9 +72,9 @@ class SymmetricSteps:
         """Raises ValueError where the kernel has no room for so many samples or columns."""
         kinds, samples, columns = matrices.rows.shape
         padded = -(-samples // 4) * 4
-        if padded > MOST_SAMPLES or columns > COLUMNS:
-            raise ValueError(f"the kernel has no room for {samples} samples, {columns} columns")
-        count = len(matrices.diameter_px)
+        count, self._channels = len(matrices.diameter_px), len(matrices.weights)
+        if padded > MOST_SAMPLES or columns > COLUMNS or self._channels > COLOURS:
+            raise ValueError(f"no room for {samples} samples, {columns} columns, {self._channels} channels")
         grid, own = np.zeros((2, padded), np.float32), np.zeros((kinds, padded), np.float32)
         rows = np.zeros((kinds, padded, COLUMNS), np.float32)
         grid[:, :samples] = matrices.grid.T
@@ -95,22 +95,24 @@ class SymmetricSteps:
             *self._centres,
         )
         addresses = (address(array, array.dtype.type) for array in self._arrays)
-        channels = len(matrices.weights)
-        self._fit = ctypes.byref(_Fit(count, samples, padded, channels, *limits, *addresses))
+        self._fit = ctypes.byref(_Fit(count, samples, padded, self._channels, *limits, *addresses))
         self._all = self._which.copy()
         self._measure = kernel("symmetric_fit_measure", POINTER, POINTER, *[c_int32] * 4)
-        self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX), np.uint8))
+        self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX, COLOURS), np.uint8))
 
     def load(self, image: Image) -> None:
         """Take the image (height, width, 3) or (height, width) that is measured until the next one is loaded.
 
-        Raises ValueError for one that is smaller than two by two pixels.
+        Raises ValueError for one that is smaller than two by two pixels, or of too few colours.
         """
         height, width = image.shape[:2]
+        colours = 1 if image.ndim == 2 else image.shape[2]
         if min(height, width) < LEAST_SIDE_PX:
             raise ValueError(f"an image of {width} x {height} pixels shows no bead")
+        if colours != COLOURS and (colours, self._channels) != (1, 1):
+            raise ValueError(f"an image of {colours} colours has no {self._channels} channels")
         self._image = np.ascontiguousarray(image)
-        self._shape = address(self._image, np.uint8), height, width, image.size // (height * width)
+        self._shape = address(self._image, np.uint8), height, width, colours
 
     def measure(self, start_px: Array, beads: Indices | None) -> Centres:
         """Return the centres near `start_px` (m, 2), in the image's pixels, of `beads` (m,), all if None.
