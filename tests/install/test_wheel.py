@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -107,6 +108,22 @@ def test_every_help_is_printed(installed, tmp_path: Path, version: str, extra: s
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 60
     assert list((tmp_path / "foreign").iterdir()) == []
+
+
+def test_the_wheel_has_the_kernels_of_all_machines_and_no_other_file_is_built(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    libraries = {name.rsplit("/", 1)[1] for name in names if name.endswith(".so")}
+    assert libraries == {"aarch64.so", "x86_64.so", "x86_64_v3.so"}
+    assert wheel.name.endswith("-py3-none-any.whl")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_bare_install_loads_its_kernels(installed, tmp_path: Path, version: str) -> None:
+    words = "from palpate_edge.vision.subpixel import refined_places as f; import numpy as n; "
+    words += "print(f(n.full((40, 40), 9, n.uint8), n.full((1, 2), 7.0), 8.0))"
+    done = run(installed(version, ""), tmp_path, "python", "-c", words)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("[[7")
 
 
 @pytest.mark.parametrize("version", VERSIONS)
