@@ -1,14 +1,16 @@
-/* Peaks of the Hessian's determinant in a smoothed plane; the method is described in vision/blob_detection.py.
+/* Peaks of the Hessian's determinant in a smoothed plane; vision/blob_detection.py describes the method.
  *
- * Rows of the determinant are computed from the top; as soon as the rows within reach are there, those of a peak's
- * own row are compared. Only additions in pairs are used, so mirrored pictures give mirrored peaks and pixels that
- * are equal in the picture stay equal. */
+ * Rows of the determinant are computed from the top. As soon as the rows within reach are there, pixels are
+ * compared with their four neighbours, and the few that are as high with all pixels within reach. Sums are of
+ * mirrored pairs, so that mirrored planes give mirrored peaks. */
 
 #include "kernels.h"
 
 #pragma clang fp reassociate(off) contract(off)
 
 #define MIN_CURVATURE 1e-12
+#define SAME_PX 1.0 /* between places that two equal pixels give one maximum */
+#define STRIDE 16 /* pixels that are compared at once */
 
 struct blob_peak {
     float root; /* of the determinant */
@@ -25,8 +27,6 @@ struct blob_peaks {
     const float *plane; /* (height, width) smoothed */
     float *determinant; /* (height, width) scratch */
     float *sums;        /* (3, width + 2) scratch: sums along columns, with a border */
-    float *highest;     /* (width + 2 reach) scratch: the highest in columns, with a border of -infinity */
-    float *around;      /* (width) scratch: the highest within reach */
     struct blob_peak *peak; /* (most) scratch */
     double *position_px;    /* (most, 2) result: places in the whole image */
     double *strength;       /* (most) result: grey levels, the strongest first */
@@ -54,25 +54,17 @@ static void compute_determinant(const struct blob_peaks *p, int32_t row) {
     }
 }
 
-/* Write to `around` the highest determinant within reach of each pixel of a row. */
-static void compute_around(const struct blob_peaks *p, int32_t row) {
+/* Whether no pixel within reach has a higher determinant. */
+static int is_highest(const struct blob_peaks *p, int32_t row, int32_t column) {
     const int32_t width = p->width, reach = p->reach;
-    const int32_t from = row > reach ? row - reach : 0;
-    const int32_t to = row + reach < p->height ? row + reach : p->height - 1;
-    float *restrict highest = p->highest + reach, *restrict around = p->around;
-    const float *first = p->determinant + (int64_t)from * width;
-    for (int32_t x = 0; x < width; x++)
-        highest[x] = larger(first[x], first[x + width]);
-    for (int32_t near = from + 2; near <= to; near++) {
-        const float *values = p->determinant + (int64_t)near * width;
-        for (int32_t x = 0; x < width; x++)
-            highest[x] = larger(highest[x], values[x]);
-    }
-    for (int32_t x = 0; x < width; x++)
-        around[x] = larger(highest[x], larger(highest[x - 1], highest[x + 1]));
-    for (int32_t k = 2; k <= reach; k++)
-        for (int32_t x = 0; x < width; x++)
-            around[x] = larger(around[x], larger(highest[x - k], highest[x + k]));
+    const int32_t last_row = row + reach < p->height ? row + reach : p->height - 1;
+    const int32_t last_column = column + reach < width ? column + reach : width - 1;
+    const float value = p->determinant[(int64_t)row * width + column];
+    for (int32_t y = row > reach ? row - reach : 0; y <= last_row; y++)
+        for (int32_t x = column > reach ? column - reach : 0; x <= last_column; x++)
+            if (p->determinant[(int64_t)y * width + x] > value)
+                return 0;
+    return 1;
 }
 
 /* Whether one peak comes before another: the stronger, of equal ones the first in the plane. */
@@ -107,19 +99,30 @@ static int32_t keep(const struct blob_peaks *p, int32_t count, struct blob_peak 
     return count + 1;
 }
 
+/* Whether a pixel is above the limit and as high as those beside, above and below it. */
+static inline int is_top(const float *at, int32_t width, float limit) {
+    int beside = (at[0] >= at[-1]) & (at[0] >= at[1]);
+    return (at[0] > limit) & beside & (at[0] >= at[-width]) & (at[0] >= at[width]);
+}
+
+static int has_top(const float *at, int32_t width, float limit) {
+    int any = 0;
+    for (int32_t x = 0; x < STRIDE; x++)
+        any |= is_top(at + x, width, limit);
+    return any;
+}
+
 /* Keep the peaks of a row, without its first and last pixel; return how many are kept of all rows so far. */
 static int32_t keep_row(const struct blob_peaks *p, int32_t row, int32_t count) {
-    const float *values = p->determinant + (int64_t)row * p->width, *around = p->around;
-    for (int32_t start = 1; start < p->width - 1; start += 4) {
-        int32_t end = start + 4 < p->width - 1 ? start + 4 : p->width - 1;
-        if (end - start == 4) {
-            const float4 four = *(const float4 *)(values + start), high = *(const float4 *)(around + start);
-            if (!__builtin_reduce_or((four >= high) & (four > p->limit)))
-                continue;
-        }
+    const int32_t width = p->width, first_pixel = row * width;
+    const float *values = p->determinant + first_pixel;
+    for (int32_t start = 1; start < width - 1; start += STRIDE) {
+        int32_t end = start + STRIDE < width - 1 ? start + STRIDE : width - 1;
+        if (end - start == STRIDE && !has_top(values + start, width, p->limit))
+            continue;
         for (int32_t x = start; x < end; x++)
-            if (values[x] >= around[x] && values[x] > p->limit)
-                count = keep(p, count, (struct blob_peak){__builtin_sqrtf(values[x]), row * p->width + x});
+            if (is_top(values + x, width, p->limit) && is_highest(p, row, x))
+                count = keep(p, count, (struct blob_peak){__builtin_sqrtf(values[x]), first_pixel + x});
     }
     return count;
 }
@@ -132,19 +135,21 @@ static double ahead(const float *at, int32_t step) {
     return shift > -0.5 ? (shift < 0.5 ? shift : 0.5) : -0.5;
 }
 
-/* Write places and strengths of the kept peaks. A maximum between two equal pixels is written once. Return how many
- * were written. */
+/* Write places and strengths of the kept peaks, a maximum between two equal pixels once; return how many were
+ * written. */
 static int32_t write_peaks(const struct blob_peaks *p, int32_t count) {
     int32_t written = 0;
+    const double shift_px = 0.5 * (p->pixel_px - 1.0); /* from the middle of the first pixel of the image */
     double last_x = 0.0, last_y = 0.0, last_strength = -1.0;
     for (int32_t i = 0; i < count; i++) {
         const float *at = p->determinant + p->peak[i].pixel;
-        double x = p->peak[i].pixel % p->width + ahead(at, 1), y = p->peak[i].pixel / p->width + ahead(at, p->width);
+        double x = (p->peak[i].pixel % p->width + ahead(at, 1)) * p->pixel_px + shift_px;
+        double y = (p->peak[i].pixel / p->width + ahead(at, p->width)) * p->pixel_px + shift_px;
         double strength = p->gain * p->peak[i].root;
-        x = x * p->pixel_px + 0.5 * (p->pixel_px - 1.0), y = y * p->pixel_px + 0.5 * (p->pixel_px - 1.0);
-        int repeats = strength == last_strength && __builtin_fabs(x - last_x) < 1.0 && __builtin_fabs(y - last_y) < 1.0;
+        int is_near = __builtin_fabs(x - last_x) < SAME_PX && __builtin_fabs(y - last_y) < SAME_PX;
+        int is_repeated = is_near && strength == last_strength;
         last_x = x, last_y = y, last_strength = strength;
-        if (repeats)
+        if (is_repeated)
             continue;
         p->position_px[2 * written] = x, p->position_px[2 * written + 1] = y;
         p->strength[written++] = strength;
@@ -158,10 +163,9 @@ KERNEL int blob_peaks_find(const struct blob_peaks *p) {
     for (int32_t row = 1; row < p->height - 1; row++) {
         for (; computed <= row + p->reach && computed < p->height; computed++)
             compute_determinant(p, computed);
-        compute_around(p, row);
         count = keep_row(p, row, count);
     }
-    for (int32_t end = count - 1; end > 0; end--) { /* the heap's first goes to the end: the strongest first */
+    for (int32_t end = count - 1; end > 0; end--) { /* the weakest goes to the end */
         struct blob_peak weakest = p->peak[0];
         sink(p->peak, end, 0, p->peak[end]);
         p->peak[end] = weakest;

@@ -1,7 +1,7 @@
 /* Displacements as the neighbours predict them; the method is described in vision/local_warp.py.
  *
- * Each bead has about twenty neighbours with a weight. A known bead's terms and moments lie in one row of twelve
- * numbers, that of an unknown bead is zero, so that a bead's sums are those of its neighbours' weighted rows. */
+ * Each bead has about twenty neighbours with a weight. A known bead's terms and moments lie in one row of
+ * twelve numbers; that of an unknown bead is zero. A bead's sums are of its neighbours' weighted rows. */
 
 #include "matching.h"
 

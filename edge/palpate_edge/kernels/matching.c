@@ -18,6 +18,7 @@ struct matching {
     struct blob_grid *grid;
     const double *strength;                /* (m) of the blobs in `grid` */
     const struct local_warp *warp;
+    const double *hypotheses_px;           /* (h, n, 2) where the beads may be */
     int32_t *order, *patch;                /* (max_hypotheses), (max_patches) scratch */
     double *off;                           /* (max_hypotheses) scratch */
     int32_t *label, *size, *joined;        /* (n), (n), (n, k) scratch */
@@ -30,13 +31,18 @@ struct matching {
     double doubt;                          /* result */
 };
 
+/* The places (n, 2) of a hypothesis. */
+static inline const double *hypothesis(const struct matching *m, int32_t number) {
+    return m->hypotheses_px + 2 * (int64_t)m->beads * number;
+}
+
 /* Write the numbers of the best hypotheses, best first, to `order` and return how many these are. */
-static int32_t rank(const struct matching *m, const double *hypotheses_px, int32_t hypotheses) {
+static int32_t rank(const struct matching *m, int32_t hypotheses) {
     int32_t kept = 0;
     if (hypotheses == 1)
         m->order[kept++] = 0;
     for (int32_t h = 0; h < hypotheses && hypotheses > 1; h++) {
-        const double *expected = hypotheses_px + 2 * (int64_t)m->beads * h;
+        const double *expected = hypothesis(m, h);
         double sum = 0.0;
         for (int32_t bead = 0; bead < m->beads; bead += m->ranking_step) {
             double squared = m->cap_squared;
@@ -166,8 +172,8 @@ static double doubt(const struct matching *m, int32_t found) {
     return (double)spare / m->beads;
 }
 
-/* Write the labels that follow from one patch to the results where they are the most yet; return how many beads
- * the results have found. */
+/* Write the labels that follow from one patch to the results where they are the most yet; return how many
+ * beads the results have found. */
 static int32_t keep_better(struct matching *m, int32_t best) {
     int32_t found = 0;
     for (int32_t bead = 0; bead < m->beads; bead++)
@@ -183,22 +189,23 @@ static int32_t keep_better(struct matching *m, int32_t best) {
     return found;
 }
 
-/* Match the `blobs` in the grid with the beads, from hypotheses_px (hypotheses, n, 2). */
-KERNEL int matching_match(struct matching *m, int32_t blobs, const double *hypotheses_px, int32_t hypotheses) {
+/* Match the `blobs` in the grid with the beads, from the first `hypotheses`, at least one. */
+KERNEL int matching_match(struct matching *m, int32_t blobs, int32_t hypotheses) {
     int32_t tried = 0, best = 0, rounds = m->max_rounds;
     m->order[0] = 0;
     if (blobs >= m->min_patch) {
         blob_grid_sort(m->grid, blobs);
-        tried = rank(m, hypotheses_px, hypotheses);
+        tried = rank(m, hypotheses);
     }
-    const double *expected = hypotheses_px + 2 * (int64_t)m->beads * m->order[0];
+    const double *expected = hypothesis(m, m->order[0]);
     for (int32_t bead = 0; bead < m->beads; bead++) {
         m->best_blob[bead] = NO_BLOB;
-        m->best_place_px[2 * bead] = expected[2 * bead], m->best_place_px[2 * bead + 1] = expected[2 * bead + 1];
+        m->best_place_px[2 * bead] = expected[2 * bead];
+        m->best_place_px[2 * bead + 1] = expected[2 * bead + 1];
     }
     m->doubt = 1.0;
     for (int32_t h = 0; h < tried; h++) {
-        expected = hypotheses_px + 2 * (int64_t)m->beads * m->order[h];
+        expected = hypothesis(m, m->order[h]);
         const struct blob_wish wish = {m->beads, expected, m->start_gate, 0, 0, m->start, m->squared};
         blob_grid_give(m->grid, &wish);
         displace(m, m->start);

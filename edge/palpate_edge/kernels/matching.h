@@ -1,5 +1,5 @@
-/* What the matching of blobs with beads consists of: nearest_blob.c, local_warp.c and matching.c. The classes of
- * the same names in Python hold the structs and all arrays. n: beads, m: blobs of a frame. */
+/* Parts of the matching of blobs with beads: nearest_blob.c, local_warp.c and matching.c. The Python modules
+ * of the same names hold the structs and all arrays. n: beads, m: blobs of a frame. */
 
 #ifndef PALPATE_MATCHING_H
 #define PALPATE_MATCHING_H

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array, Floats, Indices, Mask
+from palpate_edge.common.arrays import Array, Indices, Mask
 from palpate_edge.kernels.library import POINTER, address, kernel
 from palpate_edge.kernels.local_warp import WarpKernel
 from palpate_edge.kernels.nearest_blob import BlobGrid
@@ -63,6 +65,7 @@ class MatchingFields(ctypes.Structure):
         ("grid", POINTER),
         ("strength", POINTER),
         ("warp", POINTER),
+        ("hypotheses_px", POINTER),
         ("order", POINTER),
         ("patch", POINTER),
         ("off", POINTER),
@@ -101,7 +104,10 @@ class MatchingKernel:
         self._reference_px, self._warp, self._grid = np.ascontiguousarray(reference_px), warp, BlobGrid()
         self._gates = np.ascontiguousarray(gates)
         self._near, self._patch_step = near.astype(np.int32), patch_step.astype(np.float32)
-        self._order, self._patch = np.zeros(limits.max_hypotheses, np.int32), np.zeros(limits.max_patches, np.int32)
+        self._order, self._patch = (
+            np.zeros(limits.max_hypotheses, np.int32),
+            np.zeros(limits.max_patches, np.int32),
+        )
         self._off, self._joined = np.zeros(limits.max_hypotheses), np.zeros((count, neighbours), np.int32)
         self._numbers = np.zeros((6, count), np.int32)
         self._label, self._best_blob = self._numbers[0], self._numbers[5]
@@ -134,16 +140,20 @@ class MatchingKernel:
             place_px=address(self._place_px, np.float64),
             best_place_px=address(self._best_place_px, np.float64),
         )
-        self._point(("start_gate", "growth_gate", "near_squared", "smooth_squared", "lattice_squared"), self._gates)
+        self._point(
+            ("start_gate", "growth_gate", "near_squared", "smooth_squared", "lattice_squared"), self._gates
+        )
         self._point(("label", "size", "start", "blob", "last", "best_blob"), self._numbers)
         self._point(("gate", "squared"), self._scratch)
         self._reserve(0)
+        self._reserve_hypotheses(limits.max_hypotheses)
         self._byref = ctypes.byref(self._fields)
-        self._match = kernel("matching_match", POINTER, ctypes.c_int32, POINTER, ctypes.c_int32)
+        self._match = kernel("matching_match", POINTER, ctypes.c_int32, ctypes.c_int32)
         self._find_patches = kernel("matching_patches", POINTER)
         self._is_smooth = kernel("matching_is_smooth", POINTER)
 
-    def _point(self, names: tuple[str, ...], rows: Array | Indices) -> None:
+    def _point(self, names: tuple[str, ...], rows: NDArray[Any]) -> None:
+        """Give the fields of these names one row of an array each."""
         for name, row in zip(names, rows, strict=True):
             setattr(self._fields, name, address(row, rows.dtype.type))
 
@@ -154,21 +164,29 @@ class MatchingKernel:
         self._fields.strength = address(self._strength, np.float64)
         self._fields.taken = address(self._taken, np.uint8)
 
-    def match(self, blob_px: Array, strength: Array, hypotheses_px: Array) -> tuple[Indices, Array, float]:
+    def _reserve_hypotheses(self, count: int) -> None:
+        """Make memory for `count` hypotheses."""
+        self._hypotheses_px = np.zeros((count, *self._reference_px.shape))
+        self._fields.hypotheses_px = address(self._hypotheses_px, np.float64)
+
+    def match(
+        self, blob_px: Array, strength: Array, hypotheses_px: Array | Sequence[Array]
+    ) -> tuple[Indices, Array, float]:
         """Return each bead's blob (n,), or NO_BLOB, its place (n, 2) as its neighbours predict it, and the
         doubt.
 
         blob_px (m, 2), strength (m,): blobs; hypotheses_px (h, n, 2): where the beads may be, at least one.
         """
-        count, beads = len(strength), len(self._best_blob)
-        hypotheses = np.ascontiguousarray(hypotheses_px, np.float64)
-        if not len(hypotheses) or hypotheses.shape[1:] != (beads, 2):
-            raise ValueError(f"hypotheses of shape {hypotheses.shape} are not (h, {beads}, 2)")
+        count, hypotheses = len(strength), len(hypotheses_px)
         if count > len(self._strength):
             self._reserve(count)
+        if hypotheses > len(self._hypotheses_px):
+            self._reserve_hypotheses(hypotheses)
+        for own, hypothesis_px in zip(self._hypotheses_px, hypotheses_px, strict=False):
+            np.copyto(own, hypothesis_px)
         np.copyto(self._grid.blob_px[:count], blob_px)
         np.copyto(self._strength[:count], strength)
-        self._match(self._byref, count, hypotheses.ctypes.data, len(hypotheses))
+        self._match(self._byref, count, hypotheses)
         return self._best_blob.astype(np.intp), self._best_place_px.copy(), self._fields.doubt
 
     def patches(self, displacement_px: Array, known: Mask) -> list[Mask]:

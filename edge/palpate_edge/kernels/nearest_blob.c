@@ -1,7 +1,7 @@
 /* Nearest blob of a place; the method is described in vision/nearest_blob.py.
  *
- * Blobs are sorted into about as many square cells as there are blobs. A place is compared with the blobs of the
- * nine cells about it, and of more cells only where a nearer blob may lie beyond. */
+ * Blobs are sorted into about as many square cells as there are blobs. A place is compared with the blobs of
+ * the nine cells about it, and of more cells only where a nearer blob may lie beyond. */
 
 #include "matching.h"
 
@@ -79,8 +79,8 @@ int32_t blob_grid_nearest(const struct blob_grid *grid, double x_px, double y_px
     return best;
 }
 
-/* Each place's blob within its gate. Of several places that want one blob the nearest gets it, of equally near
- * ones the last; the others get none. */
+/* Give each place its blob within its gate. Of several places that want one blob the nearest gets it, of
+ * equally near ones the last; the others get none. */
 void blob_grid_give(const struct blob_grid *grid, const struct blob_wish *wish) {
     for (int32_t i = 0; i < grid->count; i++)
         grid->owner[i] = -1;
@@ -120,8 +120,8 @@ KERNEL int blob_grid_load(struct blob_grid *grid, int32_t count) {
 }
 
 /* Write the nearest blob (n) of each place (n, 2), and the squared distance (n) to it, px^2. */
-KERNEL int blob_grid_look_up(const struct blob_grid *grid, int32_t count, const double *place_px, int32_t *blob,
-                             double *squared) {
+KERNEL int blob_grid_look_up(const struct blob_grid *grid, int32_t count, const double *place_px,
+                             int32_t *blob, double *squared) {
     for (int32_t i = 0; i < count; i++) {
         squared[i] = __builtin_inf();
         blob[i] = blob_grid_nearest(grid, place_px[2 * i], place_px[2 * i + 1], &squared[i]);

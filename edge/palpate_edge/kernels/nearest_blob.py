@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array, Indices
 from palpate_edge.kernels.library import POINTER, address, kernel
@@ -95,7 +96,7 @@ class BlobGrid:
         return blob.astype(np.intp)
 
 
-def _arrays(place_px: Array) -> tuple[Array, Indices, Array]:
+def _arrays(place_px: Array) -> tuple[Array, NDArray[np.int32], Array]:
     """Return places as the kernel reads them, and memory for their blobs and squared distances."""
     places = np.ascontiguousarray(place_px, np.float64).reshape(-1, 2)
     return places, np.empty(len(places), np.int32), np.empty(len(places))

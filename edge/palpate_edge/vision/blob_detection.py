@@ -1,8 +1,8 @@
 """Blob detection: all dark spots of about a bead's size in a plane.
 
 The detector is the determinant of the Hessian at the beads' scale: large on blobs, zero along edges, so the
-dome's rim, light patches and printed lines give no response. Blobs are its peaks, placed by parabolas through three
-pixels an axis (kernels/blob_peaks.c). subpixel.py then measures sub-pixel places.
+dome's rim, light patches and printed lines give no response. Blobs are its peaks, placed by parabolas through
+three pixels an axis (kernels/blob_peaks.c). subpixel.py then measures sub-pixel places.
 """
 
 from __future__ import annotations
@@ -79,12 +79,13 @@ class BlobDetector:
         sigma = SCALE_OF_DIAMETER * diameter
         width = 2 * math.ceil(KERNEL_SIGMAS * sigma) + 1
         blur = math.sqrt(sigma**2 - DIFFERENCE_VARIANCE) if self._is_coarse and diameter < SMALL_PX else sigma
-        smooth = self._peaks.plane((dark.shape[0], dark.shape[1]), max(1, round(REACH * diameter)))
+        smooth = self._peaks.plane((dark.shape[0], dark.shape[1]))
         np.copyto(smooth, dark)
         cv2.GaussianBlur(smooth, (width, width), blur, dst=smooth)
         to_strength = sigma**2 / 4  # Sobel's second difference has gain 4
         limit = (self._min_strength / to_strength) ** 2
-        return Blobs(*self._peaks.find(limit, to_strength, binning))
+        reach = max(1, round(REACH * diameter))
+        return Blobs(*self._peaks.find(reach, limit, to_strength, binning))
 
 
 def find_blobs(

@@ -21,6 +21,8 @@ pictures, kernels/matching.c computes them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import numpy as np
 
@@ -97,7 +99,7 @@ class Correspondence:
             limits,
         )
 
-    def match(self, blobs: Blobs, hypotheses_px: Array) -> Match:
+    def match(self, blobs: Blobs, hypotheses_px: Array | Sequence[Array]) -> Match:
         """Return the labels of one image's blobs.
 
         hypotheses_px (h, n, 2): where the beads may be, at least one; ties go to the first.

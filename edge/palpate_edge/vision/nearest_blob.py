@@ -11,7 +11,7 @@ __all__ = ["NO_BLOB", "NearestBlob"]
 class NearestBlob:
     """Looks up the nearest of one frame's blobs.
 
-    The blobs are sorted into square cells, so that a place is compared with those of the nine cells about it, and
+    The blobs are sorted into square cells: a place is compared with those of the nine cells about it, and
     with further ones only where no blob is that near.
     """
 
