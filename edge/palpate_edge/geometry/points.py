@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate_edge.common.arrays import Array, Mask
 
@@ -27,8 +26,3 @@ def repeated(points: Array, limit: float) -> Mask:
     for index in range(1, len(points)):
         repeats[index] = (apart[index, :index][~repeats[:index]] < limit).any()
     return repeats
-
-
-def as_complex(points: Array) -> NDArray[np.complex64]:
-    """Return points (n, 2) as numbers x + iy (n,), so that one look-up selects both coordinates."""
-    return np.asarray(points.astype(np.float32, order="C").view(np.complex64).ravel())

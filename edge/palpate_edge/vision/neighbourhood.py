@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Indices, Mask
 from palpate_edge.geometry.points import distances
+from palpate_edge.kernels.neighbourhood import NeighbourMeans
 
 LEAST_WEIGHT = 1e-200  # of all found neighbours; below, weights lose digits and are scaled first
 
@@ -31,7 +32,7 @@ class Neighbourhood:
         np.fill_diagonal(apart, np.inf)
         self.spacing_px: Array = apart.min(axis=1)
         self.relative = self.distance_px / self.spacing_px[:, None]
-        self._weights = gaussian(self.relative)
+        self._means = NeighbourMeans(position_px, gaussian(self.relative), LEAST_WEIGHT)
 
     def weights(self, length: float) -> Array:
         """Return Gaussian weights (n, n) of each bead's neighbours; length: standard deviation, spacings."""
@@ -51,16 +52,13 @@ class Neighbourhood:
 
         Without any found bead these are the reference places.
         """
-        moved = np.empty((len(found), 3))
-        np.multiply(position_px - self.position_px, found[:, None], out=moved[:, :2])
-        moved[:, 2] = found
-        sums = self._weights[missing] @ moved
-        weight = sums[:, 2:]
-        if (weight > LEAST_WEIGHT).all():
-            return np.asarray(self.position_px[missing] + sums[:, :2] / weight)
+        predicted_px = self._means.predict(position_px, found, missing)
+        if predicted_px is not None:
+            return predicted_px
         if not found.any():
             return self.position_px[missing]
-        return self.position_px[missing] + interpolate(self.relative[missing][:, found], moved[found, :2])
+        moved_px = position_px[found] - self.position_px[found]
+        return self.position_px[missing] + interpolate(self.relative[missing][:, found], moved_px)
 
 
 def gaussian(distance: Array) -> Array:

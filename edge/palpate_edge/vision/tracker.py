@@ -233,7 +233,7 @@ class Tracker:
             if self._is_reference
             else [self._last_px, self._reference.position_px]
         )
-        match = self._correspondence.match(blobs, np.stack(hypotheses))
+        match = self._correspondence.match(blobs, hypotheses)
         matched = match.found
         blob_px = blobs.position_px[match.blob] if len(blobs.strength) else match.predicted_px
         expected_px = np.where(matched[:, None], blob_px, match.predicted_px)

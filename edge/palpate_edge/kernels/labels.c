@@ -1,0 +1,52 @@
+/* Checks of the beads' numbers from frame to frame; vision/labels.py describes them. */
+
+#include "kernels.h"
+
+struct labels {
+    int32_t beads;                /* n */
+    int32_t pairs;                /* p */
+    double min_overlap_squared;   /* px^2; no two beads meet where none is displaced that far */
+    const double *reference_px;   /* (n, 2) */
+    const double *jump_squared;   /* (n) px^2 */
+    const int32_t *first, *other; /* (p) beads that can meet */
+    const float *overlap_squared; /* (p) px^2 */
+    const double *position_px;    /* (n, 2) input */
+    const double *last_px;        /* (n, 2) input */
+    const uint8_t *found;         /* (n) input */
+    uint8_t *kept;                /* (n) result */
+};
+
+static inline double squared_step(const double *a_px, const double *b_px, int32_t bead) {
+    double x = a_px[2 * bead] - b_px[2 * bead], y = a_px[2 * bead + 1] - b_px[2 * bead + 1];
+    return x * x + y * y;
+}
+
+/* Return whether a found bead moved farther since the last frame than its limit. */
+KERNEL int labels_have_jumped(const struct labels *p) {
+    for (int32_t bead = 0; bead < p->beads; bead++)
+        if (p->found[bead] && squared_step(p->position_px, p->last_px, bead) > p->jump_squared[bead])
+            return 1;
+    return 0;
+}
+
+/* Write to `kept` the found beads without those that share a place with one that came from nearer by. Return
+ * whether there may be such beads; else `kept` is not written. */
+KERNEL int labels_drop_doubles(const struct labels *p) {
+    int may_meet = 0;
+    for (int32_t bead = 0; bead < p->beads; bead++)
+        may_meet |= !(squared_step(p->position_px, p->reference_px, bead) < p->min_overlap_squared);
+    if (!may_meet)
+        return 0;
+    for (int32_t bead = 0; bead < p->beads; bead++)
+        p->kept[bead] = p->found[bead];
+    for (int32_t pair = 0; pair < p->pairs; pair++) {
+        int32_t first = p->first[pair], other = p->other[pair];
+        float x = (float)p->position_px[2 * first] - (float)p->position_px[2 * other];
+        float y = (float)p->position_px[2 * first + 1] - (float)p->position_px[2 * other + 1];
+        if (!(x * x + y * y < p->overlap_squared[pair]) || !p->found[first] || !p->found[other])
+            continue;
+        double step = squared_step(p->position_px, p->last_px, first);
+        p->kept[step > squared_step(p->position_px, p->last_px, other) ? first : other] = 0;
+    }
+    return 1;
+}
