@@ -1,0 +1,48 @@
+/* The largest variance at a bead that is not seen exactly: see estimation/displacement_field.py. */
+
+#include "small_matrices.h"
+
+struct blind_spot {
+    int32_t beads, unused;
+    double bead_noise;
+    const double *inverse;   /* (beads, beads): of the covariance with the beads' noise, symmetric */
+    const uint8_t *found;    /* (beads,) */
+    const float *noise;      /* (beads,): standard deviation of each place over an exact one's */
+    int32_t *some;           /* (beads,) */
+    double *matrix;          /* (beads, beads) */
+    double *column;          /* (beads,) */
+    double *variance;        /* (1,): the largest one, with the bead's noise */
+};
+
+/* The largest number on the diagonal of the inverse: with the factor L that of L'^-1 L^-1. */
+static double largest_of_inverse(const double *factor, int32_t size, double *column) {
+    double largest = 0.0;
+    for (int32_t j = 0; j < size; j++) {
+        double sum = 0.0;
+        for (int32_t i = j; i < size; i++) {
+            const double *row = factor + (int64_t)i * size;
+            column[i] = ((i == j ? 1.0 : 0.0) - dot(row + j, column + j, i - j)) * row[i];
+            sum += column[i] * column[i];
+        }
+        largest = sum > largest ? sum : largest;
+    }
+    return largest;
+}
+
+/* Returns how many beads were not found or are inexact. */
+KERNEL int blind_spot(const struct blind_spot *spot) {
+    int32_t count = 0, *some = spot->some;
+    for (int32_t b = 0; b < spot->beads; b++)
+        if (!spot->found[b] || spot->noise[b] > 1.0f)
+            some[count++] = b;
+    for (int32_t i = 0; i < count; i++) {
+        double noise = (double)spot->noise[some[i]];
+        for (int32_t j = 0; j <= i; j++)
+            spot->matrix[(int64_t)i * count + j] = spot->inverse[(int64_t)some[i] * spot->beads + some[j]];
+        if (spot->found[some[i]])
+            spot->matrix[(int64_t)i * count + i] += 1.0 / (spot->bead_noise * (noise * noise - 1.0) + 1e-12);
+    }
+    factorise(spot->matrix, count);
+    spot->variance[0] = largest_of_inverse(spot->matrix, count, spot->column);
+    return count;
+}
