@@ -14,7 +14,7 @@ class _BlindSpot(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int32) for name in ("beads", "unused")),
         ("bead_noise", ctypes.c_double),
-        *((name, POINTER) for name in ("inverse", "found", "noise", "some", "matrix", "column", "variance")),
+        *((name, POINTER) for name in ("inverse", "found", "noise", "some", "matrix", "row", "variance")),
     ]
 
 
@@ -32,7 +32,7 @@ class BlindSpotKernel:
         doubles = {
             "inverse": np.ascontiguousarray(inverse),
             "matrix": np.zeros((count, count)),
-            "column": np.zeros(count),
+            "row": np.zeros(count),
             "variance": self._variance,
         }
         self._some = np.zeros(count, np.int32)

@@ -37,15 +37,16 @@ static void turn_columns(const struct canonical_field *field, double cosine, dou
 KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, double sine) {
     int32_t row = field->padded_beads;
     turn_columns(field, cosine, sine);
-    for (int32_t d = 0; d < field->directions; d++) {
-        const float *direction = field->scaled + 3 * d;
+    const float *turned = field->turned, *direction = field->scaled;
+    float *kernel = field->kernel;
+    for (int32_t d = 0; d < field->directions; d++, direction += 3, kernel += row) {
+        float4 to_x = all4(direction[0]), to_y = all4(direction[1]), to_z = all4(direction[2]);
         for (int32_t b = 0; b < row; b += 4) {
-            const float *bead = field->turned + b;
-            float4 x = *(const float4 *)bead - direction[0], y = *(const float4 *)(bead + row) - direction[1];
-            float4 z = *(const float4 *)(bead + 2 * row) - direction[2], distance = x * x + y * y + z * z;
-            for (int k = 0; k < 4; k++)
-                distance[k] = __builtin_sqrtf(distance[k]);
-            *(float4 *)(field->kernel + (int64_t)d * row + b) = (1.0f + distance) * exp4(-distance);
+            const float *bead = turned + b;
+            float4 x = *(const float4 *)bead - to_x, y = *(const float4 *)(bead + row) - to_y;
+            float4 z = *(const float4 *)(bead + 2 * row) - to_z;
+            float4 distance = __builtin_elementwise_sqrt(x * x + y * y + z * z);
+            *(float4 *)(kernel + b) = (1.0f + distance) * decay4(distance);
         }
     }
     return 0;

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats
+from palpate_edge.common.arrays import Array
 from palpate_edge.kernels.library import POINTER, address, kernel
 from palpate_edge.kernels.padding import padded_length, padded_rows
 
@@ -58,11 +58,8 @@ class CanonicalFieldKernel:
         mm_per_px (n, 3, 2); inverse (n, n): of the beads' covariance plus bead_noise on its diagonal;
         length: of the covariance, on the unit sphere."""
         count, beads, padded = len(directions), len(unit), padded_length(len(unit))
-        if (
-            tangents.shape != (2, count, 3)
-            or mm_per_px.shape != (beads, 3, 2)
-            or inverse.shape != (beads, beads)
-        ):
+        shapes = tangents.shape, mm_per_px.shape, inverse.shape
+        if shapes != ((2, count, 3), (beads, 3, 2), (beads, beads)):
             raise ValueError(f"geometry of the beads does not fit {beads} beads and {count} directions")
         self.covariance = np.zeros((count, padded), np.float32)
         self._displacement_px, self._weights = np.zeros((beads, 2)), np.zeros((3, beads))
@@ -105,8 +102,11 @@ class CanonicalFieldKernel:
         self._covariance_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
 
     def weigh(self, displacement_px: Array) -> float:
-        """Weigh the beads for their displacement (n, 2) in the image; return the azimuth, rad, of the centre of
-        gravity of the squared displacement that the weights interpolate to."""
+        """Weigh the beads for their displacement (n, 2) in the image.
+
+        Return the azimuth, rad, of the centre of gravity of the squared displacement that the weights
+        interpolate to.
+        """
         np.copyto(self._displacement_px, displacement_px)
         self._weigh(self._struct)
         x, y = self._gravity.tolist()

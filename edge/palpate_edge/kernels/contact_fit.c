@@ -88,7 +88,7 @@ static void kernels_of_centres(const struct contact_fit *fit, const struct touch
             off[k] = *(const float4 *)(fit->centre + k * row + at) - all4(point[k]);
             square += off[k] * off[k];
         }
-        float4 kernel = exp4(-0.5f * square);
+        float4 kernel = decay4(0.5f * square);
         *(float4 *)(fit->both + at) = kernel;
         if (!tangents)
             continue;
@@ -133,7 +133,7 @@ static void see(const struct contact_fit *fit) {
         );
 }
 
-/* The normal equations of a step, but for the precisions: normal (5, 5), lower triangle, and right sides (5,). */
+/* The normal equations of a step, but for the precisions: normal (5, 5), upper triangle, and right sides (5,). */
 static void normal_equations(const struct contact_fit *fit, double size_mm, double *normal, double *right) {
     int32_t row = fit->padded_beads;
     double cosine = fit->start[COSINE], sine = fit->start[SINE];
@@ -155,7 +155,7 @@ static void normal_equations(const struct contact_fit *fit, double size_mm, doub
             for (int i = 0; i < NUMBERS; i++) {
                 double weighted = fit->weight[b] * shown[1 + i];
                 right[i] += weighted * left_px;
-                for (int j = 0; j <= i; j++)
+                for (int j = i; j < NUMBERS; j++)
                     normal[i * NUMBERS + j] += weighted * shown[1 + j];
             }
         }

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats
+from palpate_edge.common.arrays import Floats
 from palpate_edge.kernels.library import POINTER, address, kernel
 from palpate_edge.kernels.padding import BLOCK, padded_length, padded_rows
 
@@ -85,9 +85,10 @@ class _ContactFit(ctypes.Structure):
 class ContactFitKernel:
     """Fits contacts of one sensor; all its arrays are made once.
 
-    start (16,): place (3,) and force (3,) in F, cosine and sine of the canonical frame's azimuth, size of the
-    field in mm and its logarithm, count of found beads, precision (5,) of the contact's numbers; values (2 g,),
-    mm: of the field; measured_px (n, 2): displacement of the beads; bead_weight (n,): of each bead in a mean.
+    start (16,): place (3,) and force (3,) in F, cosine and sine of the canonical frame's azimuth, size of
+    the field in mm and its logarithm, count of found beads, precision (5,) of the contact's numbers; values
+    (2 g,), mm: of the field; measured_px (n, 2): displacement of the beads; bead_weight (n,): of each bead
+    in a mean.
     """
 
     def __init__(

@@ -45,16 +45,32 @@ static inline double dot(const double *a, const double *b, int32_t count) {
     return sum;
 }
 
-/* Cholesky's factor of a symmetric positive matrix (size, size), of which the lower triangle is given, in its
- * place, but with the inverse of each diagonal number. Of any other matrix it has NaN or infinite numbers. */
+static inline void add_scaled(double *restrict sum, const double *restrict values, double factor, int32_t count) {
+    for (int32_t k = 0; k < count; k++)
+        sum[k] += factor * values[k];
+}
+
+/* Cholesky's factor U, with U' U = A, of a symmetric positive matrix A (size, size), of which the upper triangle
+ * is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has NaN or infinite
+ * numbers. Four rows above are taken off a row at a time, so that it is loaded and stored less often. */
 static inline void factorise(double *matrix, int32_t size) {
     for (int32_t i = 0; i < size; i++) {
-        double *row = matrix + (int64_t)i * size;
-        for (int32_t j = 0; j < i; j++) {
-            const double *above = matrix + (int64_t)j * size;
-            row[j] = (row[j] - dot(row, above, j)) * above[j];
+        double *restrict row = matrix + (int64_t)i * size;
+        int32_t k = 0;
+        for (; k + 3 < i; k += 4) {
+            const double *restrict a = matrix + (int64_t)k * size, *restrict b = a + size;
+            const double *restrict c = b + size, *restrict d = c + size;
+            double by_a = a[i], by_b = b[i], by_c = c[i], by_d = d[i];
+            for (int32_t j = i; j < size; j++)
+                row[j] -= by_a * a[j] + by_b * b[j] + by_c * c[j] + by_d * d[j];
         }
-        row[i] = 1.0 / __builtin_sqrt(row[i] - dot(row, row, i));
+        for (; k < i; k++) {
+            const double *above = matrix + (int64_t)k * size;
+            add_scaled(row + i, above + i, -above[i], size - i);
+        }
+        row[i] = 1.0 / __builtin_sqrt(row[i]);
+        for (int32_t j = i + 1; j < size; j++)
+            row[j] *= row[i];
     }
 }
 
@@ -63,13 +79,12 @@ static inline void factorise(double *matrix, int32_t size) {
 static inline void solve_factorised(const double *factor, int32_t size, double *values) {
     for (int32_t i = 0; i < size; i++) {
         const double *row = factor + (int64_t)i * size;
-        values[i] = (values[i] - dot(row, values, i)) * row[i];
+        values[i] *= row[i];
+        add_scaled(values + i + 1, row + i + 1, -values[i], size - i - 1);
     }
     for (int32_t i = size - 1; i >= 0; i--) {
         const double *row = factor + (int64_t)i * size;
-        values[i] *= row[i];
-        for (int32_t j = 0; j < i; j++)
-            values[j] -= row[j] * values[i];
+        values[i] = (values[i] - dot(row + i + 1, values + i + 1, size - i - 1)) * row[i];
     }
 }
 

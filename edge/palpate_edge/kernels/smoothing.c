@@ -19,11 +19,6 @@ struct smoothing {
     double *smoothed_px;     /* (beads, 2) */
 };
 
-static inline void add_scaled(double *sum, const double *values, double factor, int32_t count) {
-    for (int32_t k = 0; k < count; k++)
-        sum[k] += factor * values[k];
-}
-
 /* The variance of an exact bead's place over the frame's mean square displacement an axis. */
 static double relative_noise(const struct smoothing *smoothing, double total, double found) {
     double square = 0.0;
@@ -43,7 +38,7 @@ static void solve_inexact(const struct smoothing *smoothing, double exact) {
     double *normal = smoothing->normal;
     for (int32_t i = 0; i < count; i++) {
         double *row = normal + (int64_t)i * count;
-        for (int32_t j = 0; j <= i; j++)
+        for (int32_t j = i; j < count; j++)
             row[j] = exact * smoothing->gram[(int64_t)i * count + j];
         row[i] += 1.0 / smoothing->variance[i];
     }
@@ -51,10 +46,10 @@ static void solve_inexact(const struct smoothing *smoothing, double exact) {
         double less = smoothing->each[b] - exact;
         if (less == 0.0)
             continue;
-        const double *x = smoothing->field + 2 * (int64_t)b * count, *y = x + count;
+        const double *restrict x = smoothing->field + 2 * (int64_t)b * count, *restrict y = x + count;
         for (int32_t i = 0; i < count; i++) {
-            double *row = normal + (int64_t)i * count, by_x = less * x[i], by_y = less * y[i];
-            for (int32_t j = 0; j <= i; j++)
+            double *restrict row = normal + (int64_t)i * count, by_x = less * x[i], by_y = less * y[i];
+            for (int32_t j = i; j < count; j++)
                 row[j] += by_x * x[j] + by_y * y[j];
         }
     }
