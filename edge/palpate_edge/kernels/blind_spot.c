@@ -14,7 +14,7 @@ struct blind_spot {
     double *variance;        /* (1,): the largest one, with the bead's noise */
 };
 
-/* The largest number on the diagonal of the inverse: with the factor U that of U^-1 U'^-1, row by row of U^-1. */
+/* The largest number on the diagonal of the inverse: of U^-1 U'^-1 with the factor U, row by row of U^-1. */
 static double largest_of_inverse(const double *factor, int32_t size, double *row) {
     double largest = 0.0;
     for (int32_t j = 0; j < size; j++) {

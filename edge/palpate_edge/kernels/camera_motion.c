@@ -19,7 +19,7 @@ struct camera_motion {
     double *size_px;         /* (1,): of the averaged dent */
 };
 
-/* Least squares of the displacement over the beads' weights: the common part, and the dent of the found beads. */
+/* The common part of the displacement, by least squares over the beads' weights, and the found beads' dent. */
 KERNEL int camera_motion(const struct camera_motion *motion) {
     double normal[MOTIONS * MOTIONS] = {0.0}, amounts[MOTIONS] = {0.0};
     for (int32_t k = 0; k < 2 * motion->beads; k++) {
@@ -56,7 +56,8 @@ KERNEL int dent_size(const struct camera_motion *motion) {
         if (!motion->found[b])
             continue;
         found++;
-        double x = (double)motion->sums[b], y = (double)motion->sums[row + b], total = (double)motion->sums[2 * row + b];
+        const float *sums = motion->sums + b;
+        double x = (double)sums[0], y = (double)sums[row], total = (double)sums[2 * row];
         total = total < 1e-12 ? 1e-12 : total;
         square += (x * x + y * y) / (total * total);
     }

@@ -72,9 +72,9 @@ class CameraMotionKernel:
         self._measure = kernel("dent_size", POINTER)
 
     def split(self, displacement_px: Array, weight: Array, found: Mask) -> tuple[Array, Array]:
-        """Return the common part (n, 2) of a displacement (n, 2), by least squares, and the dent (n, 2), 0 for
-        beads that were not found.
+        """Return the common part (n, 2) of a displacement (n, 2), by least squares, and the dent (n, 2).
 
+        The dent is 0 for beads that were not found.
         weight (n,): of each bead, 0 where it was not `found` (n,).
         """
         np.copyto(self._displacement_px, displacement_px)

@@ -32,8 +32,8 @@ static void turn_columns(const struct canonical_field *field, double cosine, dou
     }
 }
 
-/* Matern's covariance (directions, padded beads) of order 3/2 about an azimuth: by differences of the directions,
- * since products of near ones lose digits. */
+/* Matern's covariance (directions, padded beads) of order 3/2 about an azimuth: by differences of the
+ * directions, since products of near ones lose digits. */
 KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, double sine) {
     int32_t row = field->padded_beads;
     turn_columns(field, cosine, sine);
@@ -52,7 +52,7 @@ KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, 
     return 0;
 }
 
-/* The weights (3, beads) of displacements in the image, and the centre of gravity of what they interpolate to.
+/* The weights (3, beads) of displacements in the image, and the centre of gravity of what they give.
  *
  * With the covariance C and the inverse of C + r I, C w = m - r w for the weights w of displacements m. */
 KERNEL int canonical_weights(const struct canonical_field *field) {

@@ -1,8 +1,8 @@
 /* Gauss-Newton steps of a contact to the displacement of the beads: see estimation/contact_fit/
  * contact_fitter.py. Single precision where fields are summed, double for the equations of a step.
  *
- * All columns of a product (a contact's field, then its slopes along the five numbers) lie one after the other,
- * each padded. */
+ * The columns of a product (a contact's field, then its slopes along the five numbers) lie one after the
+ * other, each padded. */
 
 #include "small_matrices.h"
 
@@ -11,10 +11,10 @@
 #define POINT 7
 
 struct contact_fit {
-    int32_t steps, beads, padded_beads, directions, centres, padded_centres, shapes, padded_shapes, padded_skin;
-    int32_t padded_fields;
-    double noise_px2, model_error2, least_signal, least_force_N, least_size_mm, largest_turn_rad, largest_growth;
-    double place_weight, force_weight, size_weight;
+    int32_t steps, beads, padded_beads, directions, centres, padded_centres, shapes, padded_shapes;
+    int32_t padded_skin, padded_fields;
+    double noise_px2, model_error2, least_signal, least_force_N, least_size_mm, largest_turn_rad;
+    double largest_growth, place_weight, force_weight, size_weight;
     const float *centre;     /* (7, padded centres) */
     const float *weights;    /* (centres, padded shapes) */
     const float *offset;     /* (padded shapes,) */
@@ -22,7 +22,7 @@ struct contact_fit {
     const float *skin;       /* (shapes + 1, padded skin): x of all directions, then y, then z */
     const float *kernel;     /* (directions, padded beads), of the frame's azimuth */
     const float *px_per_mm;  /* (2, 3, padded beads) */
-    const double *start;     /* see START below */
+    const double *start;     /* (16,): see below */
     const double *values;    /* (2 g,) */
     const double *measured_px;  /* (beads, 2) */
     const double *bead_weight;  /* (beads,) */
@@ -37,7 +37,7 @@ struct contact_fit {
 
 /* Numbers of `start`: place and force in F, cosine and sine of the azimuth, size and its logarithm, count of
  * found beads, precision of the five numbers. */
-enum start { PLACE = 0, FORCE = 3, COSINE = 6, SINE, SIZE, LOG_SIZE, FOUND, PRECISION, START = PRECISION + NUMBERS };
+enum start { PLACE = 0, FORCE = 3, COSINE = 6, SINE, SIZE, LOG_SIZE, FOUND, PRECISION };
 
 /* A contact in the canonical frame. */
 struct touch {
@@ -71,8 +71,10 @@ static void tangents_of(const double *unit, double tangents[2][3]) {
     second[2] = x * first[1] - y * first[0];
 }
 
-/* The kernels of the centres at a contact and, with `tangents` (4, 3), their slopes along the five numbers. */
-static void kernels_of_centres(const struct contact_fit *fit, const struct touch *touch, double tangents[4][3]) {
+/* The kernels of the centres at a contact and, with `tangents`, their slopes along the five numbers. */
+static void kernels_of_centres(
+    const struct contact_fit *fit, const struct touch *touch, double tangents[4][3]
+) {
     int32_t row = fit->padded_centres;
     float point[POINT], along[4][3], growth = (float)fit->size_weight;
     for (int k = 0; k < 3; k++) {
@@ -101,14 +103,14 @@ static void kernels_of_centres(const struct contact_fit *fit, const struct touch
     }
 }
 
-/* The coefficients (6, shapes + 1) of a contact's field and of its slopes; only the field's without slopes. */
+/* The coefficients (6, shapes + 1) of a contact's field and of its slopes, or only the field's. */
 static void coefficients_of(const struct contact_fit *fit, int with_slopes) {
-    int32_t row = fit->padded_shapes + BLOCK;
+    int32_t width = fit->padded_shapes, row = width + BLOCK;
     float *field = fit->coefficients, *growth = field + 5 * row;
     if (with_slopes)
-        multiply(fit->weights, fit->centres, fit->padded_shapes, fit->both, fit->padded_centres, field, row, COLUMNS);
+        multiply(fit->weights, fit->centres, width, fit->both, fit->padded_centres, field, row, COLUMNS);
     else
-        multiply(fit->weights, fit->centres, fit->padded_shapes, fit->both, fit->padded_centres, field, row, 1);
+        multiply(fit->weights, fit->centres, width, fit->both, fit->padded_centres, field, row, 1);
     for (int32_t k = 0; k < fit->shapes; k++)
         field[k] += fit->offset[k];
     field[fit->shapes] = 1.0f;  // the mean field's
@@ -120,20 +122,19 @@ static void coefficients_of(const struct contact_fit *fit, int with_slopes) {
         growth[k] += field[k];  // a field grows with its size
 }
 
-/* What the beads show of the fields: `seen`, (3, 6, beads), in the canonical frame, mm of a field of size 1. */
+/* What the beads show of fields of size 1: `seen`, (3, 6, beads), mm, in the canonical frame. */
 static void see(const struct contact_fit *fit) {
+    int32_t skin = fit->padded_skin, row = fit->padded_beads, count = fit->directions;
     multiply(
-        fit->skin, fit->shapes + 1, fit->padded_skin, fit->coefficients, fit->padded_shapes + BLOCK, fit->moved,
-        fit->padded_skin, COLUMNS
+        fit->skin, fit->shapes + 1, skin, fit->coefficients, fit->padded_shapes + BLOCK, fit->moved, skin, COLUMNS
     );
-    for (int axis = 0; axis < 3; axis++)
-        multiply(
-            fit->kernel, fit->directions, fit->padded_beads, fit->moved + axis * fit->directions, fit->padded_skin,
-            fit->seen + axis * COLUMNS * fit->padded_beads, fit->padded_beads, COLUMNS
-        );
+    for (int axis = 0; axis < 3; axis++) {
+        float *seen = fit->seen + axis * COLUMNS * row;
+        multiply(fit->kernel, count, row, fit->moved + axis * count, skin, seen, row, COLUMNS);
+    }
 }
 
-/* The normal equations of a step, but for the precisions: normal (5, 5), upper triangle, and right sides (5,). */
+/* The normal equations of a step without the precisions: normal (5, 5), upper triangle; right sides (5,). */
 static void normal_equations(const struct contact_fit *fit, double size_mm, double *normal, double *right) {
     int32_t row = fit->padded_beads;
     double cosine = fit->start[COSINE], sine = fit->start[SINE];
@@ -149,7 +150,8 @@ static void normal_equations(const struct contact_fit *fit, double size_mm, doub
             double shown[COLUMNS];
             for (int c = 0; c < COLUMNS; c++) {
                 const float *seen = fit->seen + c * row + b;
-                shown[c] = size_mm * (double)(x * seen[0] + y * seen[COLUMNS * row] + z * seen[2 * COLUMNS * row]);
+                float sum = x * seen[0] + y * seen[COLUMNS * row] + z * seen[2 * COLUMNS * row];
+                shown[c] = size_mm * (double)sum;
             }
             double left_px = fit->measured_px[2 * b + axis] - shown[0];
             for (int i = 0; i < NUMBERS; i++) {

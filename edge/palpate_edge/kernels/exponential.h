@@ -9,8 +9,8 @@ typedef int32_t whole4 __attribute__((vector_size(16), aligned(4)));
 
 static inline float4 all4(float value) { return (float4){value, value, value, value}; }
 
-/* exp(-x) of x >= 0 to 2 ulp (Moshier, Cephes, expf): -x = n log 2 + r with |r| <= log(2) / 2, a polynomial of
- * r, times 2^n. Above 87 it is that of 87; NaN stays NaN.
+/* exp(-x) of x >= 0 to 2 ulp (Moshier, Cephes, expf): -x = n log 2 + r with |r| <= log(2) / 2, a polynomial
+ * of r, times 2^n. Above 87 it is that of 87; NaN stays NaN.
  *
  * The sum of a float and 1.5 2^23 holds its whole part in the last bits. */
 static inline float4 decay4(float4 x) {

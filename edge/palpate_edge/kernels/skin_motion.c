@@ -7,7 +7,6 @@
 struct skin_motion {
     int32_t beads, padded_beads;
     const float *neighbours; /* (beads, 2, padded beads): of each bead to all, as averaged, without itself */
-    const float *squared;    /* (beads, padded beads): of the first, squared */
     const double *reference_px;   /* (beads, 2) */
     const double *spacing_px;     /* (beads,) */
     const double *exact_variance; /* (beads,): of the average with all beads exact */
@@ -23,6 +22,20 @@ struct skin_motion {
 
 static inline double at_least(double value, double least) { return value < least ? least : value; }
 
+/* Sums over a bead's neighbours of their squared weights in the average times their own. */
+static void sum_squares(const struct skin_motion *skin) {
+    int32_t row = skin->padded_beads;
+    float *restrict sums = skin->squared_sums;
+    for (int32_t i = 0; i < row; i++)
+        sums[i] = 0.0f;
+    for (int32_t b = 0; b < skin->beads; b++) {
+        const float *restrict average = skin->neighbours + 2 * (int64_t)b * row;
+        float weight = (float)skin->weight[b];
+        for (int32_t i = 0; i < row; i++)
+            sums[i] += weight * average[i] * average[i];
+    }
+}
+
 /* all_exact: whether all beads are found and exact: then each average counts the same. */
 KERNEL int skin_motion(const struct skin_motion *skin, int32_t all_exact) {
     int32_t beads = skin->beads, row = skin->padded_beads, found = 0;
@@ -37,7 +50,8 @@ KERNEL int skin_motion(const struct skin_motion *skin, int32_t all_exact) {
         skin->columns[2 * beads + b] = weight;
     }
     multiply(skin->neighbours, beads, 2 * row, skin->columns, beads, skin->sums, 2 * row, SUMS);
-    multiply(skin->squared, beads, row, skin->columns + 2 * beads, 0, skin->squared_sums, 0, 1);
+    if (!all_exact)
+        sum_squares(skin);
     for (int32_t b = 0; b < beads; b++) {
         if (!skin->found[b])
             continue;
@@ -51,7 +65,7 @@ KERNEL int skin_motion(const struct skin_motion *skin, int32_t all_exact) {
             rough += away * away;
         }
         double share = 1.0;
-        if (!all_exact) {  // a mean with weights a w, w = 1 / variance, has the variance sum(a^2 w) / sum(a w)^2
+        if (!all_exact) {
             double sum = at_least((double)average[4 * row + b], 1e-9);
             share = skin->exact_variance[b] * sum * sum / at_least((double)skin->squared_sums[b], 1e-12);
             share = share > 1.0 ? 1.0 : share;

@@ -13,7 +13,6 @@ from palpate_edge.kernels.padding import padded_length, padded_rows
 
 _POINTERS = (
     "neighbours",
-    "squared",
     "reference_px",
     "spacing_px",
     "exact_variance",
@@ -48,8 +47,11 @@ class SkinMotionKernel:
     """Measures the motion of n beads, averaged over their neighbours."""
 
     def __init__(self, reference_px: Array, spacing_px: Array, averaging: Array, neighbours: Array) -> None:
-        """reference_px (n, 2), spacing_px (n,): of the untouched beads; averaging, neighbours (n, n): weights,
-        row by row, of the other beads in a bead's average, and in that of its neighbours alone."""
+        """reference_px (n, 2), spacing_px (n,): of the untouched beads.
+
+        averaging, neighbours (n, n): weights, row by row, of the other beads in a bead's average, and in that
+        of its neighbours alone.
+        """
         beads = len(reference_px)
         if not averaging.shape == neighbours.shape == (beads, beads) or spacing_px.shape != (beads,):
             raise ValueError(f"weights of the neighbours do not fit {beads} beads")
@@ -59,7 +61,6 @@ class SkinMotionKernel:
         self._displacement_px = np.zeros((beads, 2))
         singles = {
             "neighbours": padded_rows(np.stack([averaging.T, neighbours.T], axis=1)),
-            "squared": padded_rows(averaging.T**2),
             "columns": np.zeros((3, beads), np.float32),
             "sums": np.zeros((3, 2, padded), np.float32),
             "squared_sums": np.zeros(padded, np.float32),

@@ -45,14 +45,16 @@ static inline double dot(const double *a, const double *b, int32_t count) {
     return sum;
 }
 
-static inline void add_scaled(double *restrict sum, const double *restrict values, double factor, int32_t count) {
+static inline void add_scaled(
+    double *restrict sum, const double *restrict values, double factor, int32_t count
+) {
     for (int32_t k = 0; k < count; k++)
         sum[k] += factor * values[k];
 }
 
-/* Cholesky's factor U, with U' U = A, of a symmetric positive matrix A (size, size), of which the upper triangle
- * is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has NaN or infinite
- * numbers. Four rows above are taken off a row at a time, so that it is loaded and stored less often. */
+/* Cholesky's factor U, with U' U = A, of a symmetric positive matrix A (size, size), of which the upper
+ * triangle is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has NaN
+ * or infinite numbers. Four rows above are taken off a row at a time, so that it is loaded and stored less often. */
 static inline void factorise(double *matrix, int32_t size) {
     for (int32_t i = 0; i < size; i++) {
         double *restrict row = matrix + (int64_t)i * size;
