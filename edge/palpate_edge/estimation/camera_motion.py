@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
+from palpate_edge.kernels.camera_motion import CameraMotionKernel
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import mean_of, rms, row_normalised, weighted
 
 MOTIONS = 6
 DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
@@ -34,29 +34,15 @@ class CameraMotion:
 
     def __init__(self, reference: Reference) -> None:
         modes = camera_modes(reference.position_px)
-        self._flat_modes = modes.reshape(-1, MOTIONS)  # NumPy multiplies a stack of small matrices slowly
-        self._fit = np.linalg.pinv(self._flat_modes)
-        self._bead_normals = np.einsum("nci,ncj->nij", modes, modes).reshape(len(modes), -1)
-        averaging = reference.neighbourhood.weights(DENT_LENGTH)
-        self._averaging = averaging.astype(np.float32)
-        self._averaging_all = row_normalised(averaging).astype(np.float32)
+        self._kernel = CameraMotionKernel(modes, reference.neighbourhood.weights(DENT_LENGTH))
 
     def split(self, displacement_px: Array, beads: Beads) -> SplitMotion:
         """Split a displacement (n, 2); only found beads determine the common part."""
-        if beads.all_exact:
-            common = (self._flat_modes @ (self._fit @ displacement_px.ravel())).reshape(-1, 2)
-            return SplitMotion(common, displacement_px - common)
-        weight = beads.weight
-        normal = (weight @ self._bead_normals).reshape(MOTIONS, MOTIONS)
-        amounts = np.linalg.solve(normal, (displacement_px * weight[:, None]).ravel() @ self._flat_modes)
-        common = (self._flat_modes @ amounts).reshape(-1, 2)
-        return SplitMotion(common, (displacement_px - common) * beads.found[:, None])
+        return SplitMotion(*self._kernel.split(displacement_px, beads.weight, beads.found))
 
     def dent_size_px(self, dent_px: Array, beads: Beads) -> float:
         """Return the root mean square, over the found beads, of the dent averaged over their neighbours."""
-        if beads.all_exact:
-            return rms(self._averaging_all @ dent_px.astype(np.float32))
-        return rms(mean_of(self._averaging @ weighted(dent_px, beads.weight))[beads.found])
+        return self._kernel.size_px(dent_px, beads.weight, beads.found)
 
 
 def camera_modes(position_px: Array) -> Array:

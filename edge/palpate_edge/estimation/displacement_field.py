@@ -15,20 +15,19 @@ a firm contact is interpolated, that of a faint one smoothed.
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array, Indices
+from palpate_edge.common.arrays import Array, Floats
 from palpate_edge.estimation.field_smoothing.smoother import FieldSmoother
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import View
+from palpate_edge.kernels.blind_spot import BlindSpotKernel
+from palpate_edge.kernels.canonical_field import CanonicalFieldKernel
 from palpate_edge.vision.beads import Beads
 
-Some = TypeVar("Some", Array, NDArray[np.float32])
 MeanMotion = tuple[float, float, float, float, float, float]
 """Mean displacement of all beads in F, and mean of the beads' directions times their displacement, in mm."""
 
@@ -56,23 +55,14 @@ class CanonicalField(msgspec.Struct, frozen=True):
 
 
 class HiddenBeads(msgspec.Struct, frozen=True):
-    """The beads (h,) that were not found or are inexact.
+    """The beads that were not found or are inexact.
 
-    covariance (h, h): of their displacement given the other beads', where the inexact beads' own measurement
-    counts by its noise and a hidden one's not at all.
+    blind_spot: largest variance of the displacement at one of them, given the other beads', where an inexact
+    bead's own measurement counts by its noise and a hidden one's not at all: 0 (known) to 1 (unknown). It is
+    0.3 to 0.6 with a random 30 % of the paper's layout hidden, 0.74 or more with 20 neighbours hidden.
     """
 
-    beads: Indices
-    covariance: Array
-
-    @property
-    def blind_spot(self) -> float:
-        """Largest variance at a hidden bead, given the found ones: 0 (known) to 1 (unknown).
-
-        It is 0.3 to 0.6 with a random 30 % of the paper's layout hidden, 0.74 or more with 20 neighbours
-        hidden.
-        """
-        return float(self.covariance.diagonal().max()) - BEAD_NOISE if len(self.beads) else 0.0
+    blind_spot: float
 
 
 def canonical_directions() -> Array:
@@ -113,13 +103,24 @@ class DisplacementReader:
         )
         self._mean_motion = np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(6, -1) / len(parts)
         self._covariance = kernel(self._beads, self._beads)
-        self._inverse = np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px)))
+        inverse = np.asarray(
+            np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px))), np.float64
+        )
+        self._blind_spot = BlindSpotKernel(inverse, BEAD_NOISE)
+        self._field = CanonicalFieldKernel(
+            _DIRECTIONS,
+            np.stack([_MERIDIONAL, _AZIMUTHAL]),
+            self._beads,
+            self._mm_per_px,
+            inverse,
+            bead_noise=BEAD_NOISE,
+            length=KERNEL_LENGTH,
+        )
         self._variances, self._modes = np.linalg.eigh(self._covariance)
         self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
-        self._beads_32 = self._beads.T.astype(np.float32)
         self._smoother = None if typical is None else FieldSmoother(typical, noise_px)
         self._smooths_all = typical is not None and typical.smooths_all
-        self._last_kernel = 0.0, self._kernel_at(0.0)
+        self._azimuth_of_kernel_rad = math.nan
 
     @property
     def geometry(self) -> tuple[Array, Array]:
@@ -131,14 +132,7 @@ class DisplacementReader:
         """Return the beads that were not found or are inexact, and how well the others determine them."""
         if beads.all_exact:
             return NONE_HIDDEN
-        if beads.noise is None:
-            return HiddenBeads(beads.lost, np.linalg.inv(self._inverse[np.ix_(beads.lost, beads.lost)]))
-        some = ((beads.noise > 1.0) | ~beads.found).nonzero()[0]
-        noise = beads.noise[some].astype(np.float64)
-        added = np.where(beads.found[some], 1.0 / (BEAD_NOISE * (noise**2 - 1.0) + 1e-12), 0.0)
-        inverse = self._inverse.take(some, axis=0).take(some, axis=1)
-        inverse.ravel()[:: len(some) + 1] += added
-        return HiddenBeads(some, np.linalg.inv(inverse))
+        return HiddenBeads(self._blind_spot.largest_variance(beads.found, beads.noise))
 
     def read(self, beads: Beads, turn_rad: float = 0.0, hidden: HiddenBeads | None = None) -> CanonicalField:
         """Return the canonical field of one frame.
@@ -149,16 +143,13 @@ class DisplacementReader:
         pixels = self.displacement_px(beads)
         hidden = hidden or self.hidden(beads)
         if self._smoother is not None and (self._smooths_all or not beads.all_exact):
-            weights = self._inverse @ self._on_sphere_mm(self._smoother.smooth(pixels, beads))
+            azimuth_rad = turn_rad + self._field.weigh(self._smoother.smooth(pixels, beads))
         else:
             weights = self._kernel_weights(self._on_sphere_mm(pixels), beads)
-        azimuth_rad = self._azimuth_rad(self._covariance @ weights) + turn_rad
-        # float32: fields accurate to 1e-6 in a third of the time
-        turn = rotation_about_z(azimuth_rad).astype(np.float32)
-        covariance = self.canonical_kernel(azimuth_rad)
-        field = covariance @ weights.astype(np.float32) @ turn
-        values = np.vecdot(_TANGENTS, field).ravel().astype(np.float64)
-        return CanonicalField(values, azimuth_rad, hidden.blind_spot)
+            azimuth_rad = turn_rad + self._azimuth_rad(self._covariance @ weights)
+            self._field.give_weights(weights)
+        self.padded_kernel(azimuth_rad)
+        return CanonicalField(self._field.values(azimuth_rad), azimuth_rad, hidden.blind_spot)
 
     def displacement_px(self, beads: Beads) -> Array:
         """Return the measured displacement (n, 2) of the beads from the untouched ones."""
@@ -173,19 +164,20 @@ class DisplacementReader:
         x, y, z, around_x, around_y, around_z = (self._mean_motion @ displacement_px.ravel()).tolist()
         return x, y, z, around_x, around_y, around_z
 
-    def canonical_kernel(self, azimuth_rad: float) -> NDArray[np.float32]:
+    def canonical_kernel(self, azimuth_rad: float) -> Floats:
         """Return the covariance (g, n) of the canonical directions and the beads, read-only.
 
-        azimuth_rad: of the canonical frame. The last one is kept: a frame's field and the fit of its contact
-        need the same.
+        azimuth_rad: of the canonical frame. There is one array, which holds the last covariance: a frame's
+        field and the fit of its contact need the same.
         """
-        if azimuth_rad != self._last_kernel[0]:
-            self._last_kernel = azimuth_rad, self._kernel_at(azimuth_rad)
-        return self._last_kernel[1]
+        return self.padded_kernel(azimuth_rad)[:, : len(self._beads)]
 
-    def _kernel_at(self, azimuth_rad: float) -> NDArray[np.float32]:
-        turn = rotation_about_z(azimuth_rad).astype(np.float32)
-        return _matern(_DIRECTIONS_32 @ (turn.T @ self._beads_32))
+    def padded_kernel(self, azimuth_rad: float) -> Floats:
+        """Return the same covariance with the kernels' padding, (g, padded n), always the one array."""
+        if azimuth_rad != self._azimuth_of_kernel_rad:
+            self._azimuth_of_kernel_rad = azimuth_rad
+            self._field.turn(azimuth_rad)
+        return self._field.covariance
 
     def _on_sphere_mm(self, displacement_px: Array) -> Array:
         """Return displacements (n, 3) on the sphere of displacements (n, 2) in the image."""
@@ -221,19 +213,10 @@ class DisplacementReader:
         return math.atan2(y, x)
 
 
-def kernel(a: Some, b: Some) -> Some:
+def kernel(a: Array, b: Array) -> Array:
     """Return the Matern 3/2 covariance (n, m) of directions (n, 3) and (m, 3), by their chord."""
-    return _matern(np.asarray((a * -PER_COSINE) @ b.T, a.dtype))
-
-
-def _matern(scaled: Some) -> Some:
-    """Return the covariance; scaled: the directions' products times -PER_COSINE, overwritten."""
-    scaled += PER_COSINE
-    np.sqrt(np.abs(scaled, out=scaled), out=scaled)  # abs: rounding may leave it slightly below 0
-    decay = np.exp(scaled)
-    scaled += 1.0
-    scaled /= decay
-    return np.asarray(scaled)
+    distance = np.sqrt(np.abs(PER_COSINE - (a * PER_COSINE) @ b.T))  # abs: rounding may leave it below 0
+    return np.asarray((1.0 + distance) * np.exp(-distance))
 
 
 def interpolation(directions: Array, turn_rad: float) -> Array:
@@ -281,9 +264,7 @@ def _jacobian(view: View, reference_px: Array, radius_mm: float) -> Array:
     return np.stack(columns, axis=2)
 
 
-NONE_HIDDEN = HiddenBeads(np.empty(0, np.intp), np.empty((0, 0)))
+NONE_HIDDEN = HiddenBeads(0.0)
 _DIRECTIONS = canonical_directions()
 _MERIDIONAL, _AZIMUTHAL = tangent_basis(_DIRECTIONS)
-_DIRECTIONS_32 = (-PER_COSINE * _DIRECTIONS).astype(np.float32)
-_TANGENTS = np.stack([_MERIDIONAL, _AZIMUTHAL]).astype(np.float32)
 _MIRROR = np.array([int(np.argmax(_DIRECTIONS @ (d * (1.0, -1.0, 1.0)))) for d in _DIRECTIONS])

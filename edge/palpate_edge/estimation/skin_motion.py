@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Floats
+from palpate_edge.common.arrays import Array
+from palpate_edge.kernels.skin_motion import SkinMotionKernel
 from palpate_edge.vision.beads import Beads, Reference
-from palpate_edge.vision.neighbourhood import mean_of, rms, row_normalised, weighted
 
 AVERAGING_LENGTH = 2.0  # spacings
 MAX_ROUGHNESS = 0.12  # spacings; see Motion
@@ -38,50 +38,28 @@ class Motion(NamedTuple):
 
 
 class SkinMotion:
-    """Measures the motion of one sensor's beads by a single float32 product."""
+    """Measures the motion of one sensor's beads."""
 
     def __init__(self, reference: Reference) -> None:
         neighbourhood = reference.neighbourhood
-        self._reference_px = reference.position_px
-        self._spacing_px = neighbourhood.spacing_px
-        averaging, neighbours = neighbourhood.weights(AVERAGING_LENGTH), neighbourhood.weights(1.0)
+        neighbours = neighbourhood.weights(1.0)
         np.fill_diagonal(neighbours, 0.0)
-        self._variance = (averaging**2).sum(axis=1) / averaging.sum(axis=1) ** 2
-        self._sums = np.vstack([averaging, neighbours, averaging**2]).astype(np.float32)
-        roughness = np.eye(len(self._spacing_px)) - row_normalised(neighbours)
-        both = np.vstack([row_normalised(averaging), roughness / self._spacing_px[:, None]])
-        self._average_and_roughness = both.astype(np.float32)
+        self._kernel = SkinMotionKernel(
+            reference.position_px,
+            neighbourhood.spacing_px,
+            neighbourhood.weights(AVERAGING_LENGTH),
+            neighbours,
+        )
 
     def measure(self, beads: Beads) -> Motion:
-        """Return the motion of the found beads."""
-        displacement, found = beads.position_px - self._reference_px, beads.found
-        if beads.all_exact:
-            both = self._average_and_roughness @ displacement.astype(np.float32)
-            return Motion(displacement, rms(both[: len(found)]), rms(both[len(found) :]))
-        count, weight = len(found), beads.weight
-        sums = self._sums @ weighted(displacement, weight)
-        averaged = sums[:count][found]
-        rough = displacement - mean_of(sums[count : 2 * count])
-        rough *= (np.sqrt(weight) / self._spacing_px)[:, None]
-        size_px, noise = self._size(averaged, sums[2 * count :, 2][found], self._variance[found])
-        return Motion(displacement, size_px, rms(rough[found]), noise)
+        """Return the motion of the found beads.
 
-    @staticmethod
-    def _size(averaged: Floats, squared_sum: Floats, exact_variance: Array) -> tuple[float, float]:
-        """Return Motion.size_px and Motion.noise from the sums (m, 3) over each found bead's neighbours.
-
-        squared_sum (m,): sums of a^2 w; averaged[:, 2]: sums of a w. A mean with weights a w, w = 1 /
-        variance, has the variance sum(a^2 w) / sum(a w)^2. Each mean counts by its exact_variance (m,), that
-        with all beads exact, over its variance.
+        A mean with weights a w, w = 1 / variance, has the variance sum(a^2 w) / sum(a w)^2. Each bead's mean
+        counts in the size by the variance that it has with all beads exact, over its variance.
         """
-        if not len(averaged):
-            return 0.0, 1.0
-        share = exact_variance * np.maximum(averaged[:, 2], 1e-9) ** 2 / np.maximum(squared_sum, 1e-12)
-        share = np.minimum(share, 1.0)
-        mean = mean_of(averaged)
-        total = float(share.sum())
-        size_px = math.sqrt(float(share @ np.vecdot(mean, mean)) / total)
-        return size_px, max(1.0, math.sqrt(len(share) / total))
+        return Motion(
+            *self._kernel.measure(beads.position_px, beads.weight, beads.found, all_exact=beads.all_exact)
+        )
 
 
 def faintness(motion_px: float, threshold_px: float) -> float:

@@ -81,20 +81,6 @@ def row_normalised(weight: Array) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
 
 
-def weighted(vectors: Array, bead_weight: Array) -> Floats:
-    """Return the beads' vectors (n, 2) times their weights (n,), and the weights: columns (n, 3) whose sums
-    over neighbours make a weighted mean."""
-    columns = np.empty((len(vectors), 3), np.float32)
-    columns[:, 2] = bead_weight
-    np.multiply(vectors, columns[:, 2:], out=columns[:, :2], casting="same_kind")
-    return columns
-
-
-def mean_of(sums: Floats) -> Floats:
-    """Return the means (n, 2) of sums (n, 3) of what :func:`weighted` returns."""
-    return np.asarray(sums[:, :2] / np.maximum(sums[:, 2:], 1e-12))
-
-
 def upper_median(values: Array | Floats) -> float:
     """Return the median of values (n,), the upper one of two; np.median takes ten times as long."""
     middle = len(values) // 2

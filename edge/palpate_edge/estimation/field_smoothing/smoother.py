@@ -18,6 +18,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
+from palpate_edge.kernels.smoothing import SmoothingKernel
 from palpate_edge.vision.beads import Beads
 
 NOISE_WEIGHT = 2.0  # of a bead's variance: errors of neighbouring beads are not independent
@@ -29,29 +30,18 @@ class FieldSmoother:
 
     def __init__(self, typical: TypicalFields, noise_px: float) -> None:
         """noise_px: standard deviation of an exact bead's place along an axis."""
-        self._fields = typical.fields.array().astype(np.float64)
-        self._variance = typical.variance.array().astype(np.float64)
-        self._remainder = typical.remainder
-        self._noise_px2 = noise_px**2
+        self._kernel = SmoothingKernel(
+            typical.fields.array().astype(np.float64),
+            typical.variance.array().astype(np.float64),
+            noise_px2=noise_px**2,
+            noise_weight=NOISE_WEIGHT,
+            remainder=typical.remainder,
+            least_signal=LEAST_SIGNAL,
+        )
 
     def smooth(self, displacement_px: Array, beads: Beads) -> Array:
-        """Return the likeliest displacement (n, 2) of all beads; displacement_px (n, 2): as measured."""
-        weight = beads.weight
-        total = float(weight.sum())
-        if not total:
-            return np.zeros_like(displacement_px)
-        # The mean square an axis is half that of both.
-        square = 0.5 * float(np.vecdot(displacement_px, displacement_px) @ weight) / total
-        expected = self._noise_px2 * beads.found_count / total
-        noise = NOISE_WEIGHT * self._noise_px2 / max(square - expected, LEAST_SIGNAL * square, 1e-12)
-        measured, fields = displacement_px.ravel(), self._fields
-        if beads.all_exact:
-            exact = 1.0 / (noise + self._remainder)
-            gain = self._variance / (self._variance + 1.0 / exact)
-            likely = fields @ (gain * (measured @ fields))
-            return np.asarray(likely + (self._remainder * exact) * (measured - likely)).reshape(-1, 2)
-        each = np.repeat(weight / (noise + self._remainder * weight), 2)
-        normal = fields.T @ (each[:, None] * fields)
-        normal.ravel()[:: len(normal) + 1] += 1.0 / self._variance
-        likely = fields @ np.linalg.solve(normal, (each * measured) @ fields)
-        return np.asarray(likely + self._remainder * each * (measured - likely)).reshape(-1, 2)
+        """Return the likeliest displacement (n, 2) of all beads, 0 where none counts; displacement_px (n, 2):
+        as measured."""
+        return self._kernel.smooth(
+            displacement_px, beads.weight, beads.found_count, all_exact=beads.all_exact
+        )

@@ -1,0 +1,112 @@
+/* From displacements of the beads to the canonical field: see estimation/displacement_field.py. */
+
+#include "exponential.h"
+
+struct canonical_field {
+    int32_t beads, padded_beads, directions, unused;
+    double bead_noise;
+    const float *scaled;     /* (directions, 3): times sqrt(3) over the length of the covariance */
+    const float *tangents;   /* (2, directions, 3): meridional and azimuthal */
+    const float *scaled_beads;   /* (3, padded beads): likewise */
+    const double *unit;      /* (beads, 3) */
+    const double *mm_per_px; /* (beads, 3, 2) */
+    const double *inverse;   /* (beads, beads): of the covariance with the beads' noise, symmetric */
+    const double *displacement_px; /* (beads, 2) */
+    double *moved_mm;        /* (3, beads) */
+    double *weights;         /* (3, beads) */
+    float *turned;           /* (3, padded beads): beads in the canonical frame */
+    float *turned_weights;   /* (3, padded beads) */
+    float *kernel;           /* (directions, padded beads) */
+    double *gravity;         /* (2,): centre of the squared displacement, x and y */
+    double *values;          /* (2 directions,) */
+};
+
+static void turn_columns(const struct canonical_field *field, double cosine, double sine) {
+    int32_t row = field->padded_beads;
+    const float *unit = field->scaled_beads;
+    float cos_32 = (float)cosine, sin_32 = (float)sine;
+    for (int32_t b = 0; b < row; b++) {
+        field->turned[b] = cos_32 * unit[b] + sin_32 * unit[row + b];
+        field->turned[row + b] = cos_32 * unit[row + b] - sin_32 * unit[b];
+        field->turned[2 * row + b] = unit[2 * row + b];
+    }
+}
+
+/* Matern's covariance (directions, padded beads) of order 3/2 about an azimuth: by differences of the
+ * directions, since products of near ones lose digits. */
+KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, double sine) {
+    int32_t row = field->padded_beads;
+    turn_columns(field, cosine, sine);
+    const float *turned = field->turned, *direction = field->scaled;
+    float *kernel = field->kernel;
+    for (int32_t d = 0; d < field->directions; d++, direction += 3, kernel += row) {
+        float4 to_x = all4(direction[0]), to_y = all4(direction[1]), to_z = all4(direction[2]);
+        for (int32_t b = 0; b < row; b += 4) {
+            const float *bead = turned + b;
+            float4 x = *(const float4 *)bead - to_x, y = *(const float4 *)(bead + row) - to_y;
+            float4 z = *(const float4 *)(bead + 2 * row) - to_z;
+            float4 distance = __builtin_elementwise_sqrt(x * x + y * y + z * z);
+            *(float4 *)(kernel + b) = (1.0f + distance) * decay4(distance);
+        }
+    }
+    return 0;
+}
+
+/* The weights (3, beads) of displacements in the image, and the centre of gravity of what they give.
+ *
+ * With the covariance C and the inverse of C + r I, C w = m - r w for the weights w of displacements m. */
+KERNEL int canonical_weights(const struct canonical_field *field) {
+    int32_t count = field->beads;
+    double *moved = field->moved_mm, *weights = field->weights, x = 0.0, y = 0.0;
+    for (int32_t b = 0; b < count; b++)
+        for (int k = 0; k < 3; k++) {
+            const double *slope = field->mm_per_px + 6 * b + 2 * k;
+            moved[k * count + b] =
+                slope[0] * field->displacement_px[2 * b] + slope[1] * field->displacement_px[2 * b + 1];
+        }
+    for (int32_t b = 0; b < count; b++) {
+        const double *row = field->inverse + (int64_t)b * count;
+        double sums[3] = {0.0}, square = 0.0;
+        for (int32_t other = 0; other < count; other++) {
+            sums[0] += row[other] * moved[other];
+            sums[1] += row[other] * moved[count + other];
+            sums[2] += row[other] * moved[2 * count + other];
+        }
+        for (int k = 0; k < 3; k++) {
+            double smooth = moved[k * count + b] - field->bead_noise * sums[k];
+            weights[k * count + b] = sums[k];
+            square += smooth * smooth;
+        }
+        x += square * field->unit[3 * b];
+        y += square * field->unit[3 * b + 1];
+    }
+    field->gravity[0] = x, field->gravity[1] = y;
+    return 0;
+}
+
+/* The values of the field that the weights and the last kernel give; cosine, sine: of that kernel. */
+KERNEL int canonical_values(const struct canonical_field *field, double cosine, double sine) {
+    int32_t count = field->beads, row = field->padded_beads, directions = field->directions;
+    const double *weights = field->weights;
+    float *turned = field->turned_weights;  // behind the beads it stays 0
+    for (int32_t b = 0; b < count; b++) {
+        float x = (float)weights[b], y = (float)weights[count + b];
+        turned[b] = (float)cosine * x + (float)sine * y;
+        turned[row + b] = (float)cosine * y - (float)sine * x;
+        turned[2 * row + b] = (float)weights[2 * count + b];
+    }
+    for (int32_t d = 0; d < directions; d++) {
+        const float *kernel = field->kernel + (int64_t)d * row;
+        float x = 0.0f, y = 0.0f, z = 0.0f;
+        for (int32_t b = 0; b < row; b++) {
+            x += kernel[b] * turned[b];
+            y += kernel[b] * turned[row + b];
+            z += kernel[b] * turned[2 * row + b];
+        }
+        for (int part = 0; part < 2; part++) {
+            const float *along = field->tangents + 3 * (part * directions + d);
+            field->values[part * directions + d] = (double)(along[0] * x + along[1] * y + along[2] * z);
+        }
+    }
+    return 0;
+}

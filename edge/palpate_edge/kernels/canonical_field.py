@@ -1,0 +1,125 @@
+"""The canonical field of the beads' displacement, in canonical_field.c."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import numpy as np
+
+from palpate_edge.common.arrays import Array
+from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.padding import padded_length, padded_rows
+
+_POINTERS = (
+    "scaled",
+    "tangents",
+    "scaled_beads",
+    "unit",
+    "mm_per_px",
+    "inverse",
+    "displacement_px",
+    "moved_mm",
+    "weights",
+    "turned",
+    "turned_weights",
+    "kernel",
+    "gravity",
+    "values",
+)
+
+
+class _CanonicalField(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_int32) for name in ("beads", "padded_beads", "directions", "unused")),
+        ("bead_noise", ctypes.c_double),
+        *((name, POINTER) for name in _POINTERS),
+    ]
+
+
+class CanonicalFieldKernel:
+    """Interpolates the displacement of one sensor's n beads to g directions of the canonical frame.
+
+    covariance (g, padded n), float32: of the directions and the beads about the last azimuth.
+    """
+
+    def __init__(
+        self,
+        directions: Array,
+        tangents: Array,
+        unit: Array,
+        mm_per_px: Array,
+        inverse: Array,
+        *,
+        bead_noise: float,
+        length: float,
+    ) -> None:
+        """directions (g, 3), tangents (2, g, 3): in the canonical frame; unit (n, 3): of the beads in F;
+        mm_per_px (n, 3, 2); inverse (n, n): of the beads' covariance plus bead_noise on its diagonal;
+        length: of the covariance, on the unit sphere."""
+        count, beads, padded = len(directions), len(unit), padded_length(len(unit))
+        shapes = tangents.shape, mm_per_px.shape, inverse.shape
+        if shapes != ((2, count, 3), (beads, 3, 2), (beads, beads)):
+            raise ValueError(f"geometry of the beads does not fit {beads} beads and {count} directions")
+        self.covariance = np.zeros((count, padded), np.float32)
+        self._displacement_px, self._weights = np.zeros((beads, 2)), np.zeros((3, beads))
+        self._gravity, self._values = np.zeros(2), np.zeros(2 * count)
+        singles = {
+            "scaled": np.ascontiguousarray(math.sqrt(3.0) / length * directions, dtype=np.float32),
+            "tangents": np.ascontiguousarray(tangents, dtype=np.float32),
+            "scaled_beads": padded_rows(math.sqrt(3.0) / length * unit.T),
+            "turned": np.zeros((3, padded), np.float32),
+            "turned_weights": np.zeros((3, padded), np.float32),
+            "kernel": self.covariance,
+        }
+        doubles = {
+            "unit": np.ascontiguousarray(unit),
+            "mm_per_px": np.ascontiguousarray(mm_per_px),
+            "inverse": np.ascontiguousarray(inverse),
+            "displacement_px": self._displacement_px,
+            "moved_mm": np.zeros((3, beads)),
+            "weights": self._weights,
+            "gravity": self._gravity,
+            "values": self._values,
+        }
+        self._arrays = singles, doubles
+        struct = _CanonicalField(
+            beads,
+            padded,
+            count,
+            0,
+            bead_noise,
+            **{name: address(array, np.float32) for name, array in singles.items()},
+            **{name: address(array, np.float64) for name, array in doubles.items()},
+        )
+        self._struct = ctypes.byref(struct)
+        self._covariance_at = kernel("canonical_kernel", POINTER, ctypes.c_double, ctypes.c_double)
+        self._weigh = kernel("canonical_weights", POINTER)
+        self._values_at = kernel("canonical_values", POINTER, ctypes.c_double, ctypes.c_double)
+
+    def turn(self, azimuth_rad: float) -> None:
+        """Compute the covariance about an azimuth of the canonical frame."""
+        self._covariance_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
+
+    def weigh(self, displacement_px: Array) -> float:
+        """Weigh the beads for their displacement (n, 2) in the image.
+
+        Return the azimuth, rad, of the centre of gravity of the squared displacement that the weights
+        interpolate to.
+        """
+        np.copyto(self._displacement_px, displacement_px)
+        self._weigh(self._struct)
+        x, y = self._gravity.tolist()
+        return math.atan2(y, x)
+
+    def give_weights(self, weights: Array) -> None:
+        """Take the beads' weights (n, 3) in F from elsewhere."""
+        np.copyto(self._weights, weights.T)
+
+    def values(self, azimuth_rad: float) -> Array:
+        """Return the field (2 g,), mm, that the weights give: meridional components, then azimuthal ones.
+
+        azimuth_rad: of the last `turn`.
+        """
+        self._values_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
+        return self._values.copy()

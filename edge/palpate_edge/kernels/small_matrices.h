@@ -1,0 +1,93 @@
+/* Products and solutions of matrices of a few dozen rows. */
+
+#ifndef PALPATE_SMALL_MATRICES_H
+#define PALPATE_SMALL_MATRICES_H
+
+#include "exponential.h"
+
+#define BLOCK 8          /* rows of a product at a time: with six columns the sums fill the registers */
+#define MOST_COLUMNS 6
+
+/* out (columns, width) = values (columns, depth) times matrix (depth, width); width: a multiple of BLOCK.
+ *
+ * columns: a constant where it is called, at most MOST_COLUMNS; *_row: numbers from one row to the next. */
+static inline __attribute__((always_inline)) void multiply(
+    const float *matrix, int32_t depth, int32_t width, const float *values, int32_t values_row, float *out,
+    int32_t out_row, const int columns
+) {
+    for (int32_t at = 0; at < width; at += BLOCK) {
+        float4 sums[MOST_COLUMNS][2];
+#pragma unroll
+        for (int c = 0; c < columns; c++)
+            sums[c][0] = sums[c][1] = all4(0.0f);
+        for (int32_t k = 0; k < depth; k++) {
+            const float *row = matrix + (int64_t)k * width + at;
+            float4 first = *(const float4 *)row, second = *(const float4 *)(row + 4);
+#pragma unroll
+            for (int c = 0; c < columns; c++) {
+                float4 factor = all4(values[c * values_row + k]);
+                sums[c][0] += first * factor;
+                sums[c][1] += second * factor;
+            }
+        }
+#pragma unroll
+        for (int c = 0; c < columns; c++) {
+            *(float4 *)(out + c * out_row + at) = sums[c][0];
+            *(float4 *)(out + c * out_row + at + 4) = sums[c][1];
+        }
+    }
+}
+
+static inline double dot(const double *a, const double *b, int32_t count) {
+    double sum = 0.0;
+    for (int32_t k = 0; k < count; k++)
+        sum += a[k] * b[k];
+    return sum;
+}
+
+static inline void add_scaled(
+    double *restrict sum, const double *restrict values, double factor, int32_t count
+) {
+    for (int32_t k = 0; k < count; k++)
+        sum[k] += factor * values[k];
+}
+
+/* Cholesky's factor U, with U' U = A, of a symmetric positive matrix A (size, size), of which the upper
+ * triangle is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has NaN
+ * or infinite numbers. Four rows above are taken off a row at a time, so that it is loaded and stored less often. */
+static inline void factorise(double *matrix, int32_t size) {
+    for (int32_t i = 0; i < size; i++) {
+        double *restrict row = matrix + (int64_t)i * size;
+        int32_t k = 0;
+        for (; k + 3 < i; k += 4) {
+            const double *restrict a = matrix + (int64_t)k * size, *restrict b = a + size;
+            const double *restrict c = b + size, *restrict d = c + size;
+            double by_a = a[i], by_b = b[i], by_c = c[i], by_d = d[i];
+            for (int32_t j = i; j < size; j++)
+                row[j] -= by_a * a[j] + by_b * b[j] + by_c * c[j] + by_d * d[j];
+        }
+        for (; k < i; k++) {
+            const double *above = matrix + (int64_t)k * size;
+            add_scaled(row + i, above + i, -above[i], size - i);
+        }
+        row[i] = 1.0 / __builtin_sqrt(row[i]);
+        for (int32_t j = i + 1; j < size; j++)
+            row[j] *= row[i];
+    }
+}
+
+/* Solve the equations of a matrix whose factor `factorise` has made; values (size,): the right sides, then
+ * the solution. */
+static inline void solve_factorised(const double *factor, int32_t size, double *values) {
+    for (int32_t i = 0; i < size; i++) {
+        const double *row = factor + (int64_t)i * size;
+        values[i] *= row[i];
+        add_scaled(values + i + 1, row + i + 1, -values[i], size - i - 1);
+    }
+    for (int32_t i = size - 1; i >= 0; i--) {
+        const double *row = factor + (int64_t)i * size;
+        values[i] = (values[i] - dot(row + i + 1, values + i + 1, size - i - 1)) * row[i];
+    }
+}
+
+#endif
