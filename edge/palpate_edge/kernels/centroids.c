@@ -4,21 +4,22 @@
 
 #include "kernels.h"
 
-enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS };
+enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS, AT_ONCE = 8 };
 
 struct centroid_finder {
-    int32_t beads, side, reach, per_bead; /* of the windows; whether each bead has weights of its own */
+    int32_t beads, side, reach, stride; /* of the windows; stride: side, up to a multiple of AT_ONCE */
+    int32_t per_bead;                   /* whether each bead has weights of its own */
     int32_t is_shaded;                    /* by a light: then `unlit` and `slope` count */
     float gate, unlit, darkest_skin;
     double max_step;           /* bead diameters */
     const int32_t *circles;    /* (beads, CIRCLE, 2), column and row from the centre: of the skin, of the core */
     const float *ranks;        /* (2, SKIN_PIXELS): weights of the skin's sorted pixels in its grey, its variation */
-    const float *added;        /* (beads or 1, side * side), to the weights of a window's pixels */
+    const float *added;        /* (beads or 1, side, stride), to the weights of a window's pixels */
     const float *slope;        /* (beads, 2), of the skin's grey over the contrast */
     const double *slope_shift; /* (beads, 2), which the slope adds to the centroid */
     const float *half_area;    /* (beads) */
     const double *diameter;    /* (beads) */
-    float *window;             /* (side * side), memory to work in */
+    float *window;             /* (side, stride), memory to work in; 0 beyond the side */
     const int32_t *which;      /* (beads), the beads that are looked for, where, and what is found: */
     const double *start;       /* (beads, 2) */
     const float *min_contrast; /* (beads) */
@@ -83,7 +84,7 @@ static void read_window(const struct centroid_finder *finder, struct plane plane
     const int32_t left = centre[0] - finder->reach, top = centre[1] - finder->reach;
     const int is_inside = left >= 0 && top >= 0 && left + side <= plane.width && top + side <= plane.height;
     for (int y = 0; y < side; y++) {
-        float *row = finder->window + y * side;
+        float *row = finder->window + y * finder->stride;
         const int64_t start = (int64_t)(top + y) * plane.width + left;
         if (!is_inside) {
             for (int x = 0; x < side; x++) row[x] = pixel(plane, left + x, top + y);
@@ -100,8 +101,8 @@ static void read_window(const struct centroid_finder *finder, struct plane plane
 /* The centroid, from the centre of its window, and the bead's area. */
 static void measure_window(const struct centroid_finder *finder, struct plane plane, int bead, const int32_t centre[2],
                            struct levels levels, double offset[2], float *area) {
-    const int side = finder->side, reach = finder->reach;
-    const float *added = finder->added + (finder->per_bead ? (int64_t)bead * side * side : 0);
+    const int side = finder->side, reach = finder->reach, stride = finder->stride;
+    const float *added = finder->added + (finder->per_bead ? (int64_t)bead * side * stride : 0);
     const float *slope = finder->slope + 2 * bead;
     float skin = levels.skin, unlit = 0.0f, slope_x = 0.0f, slope_y = 0.0f;
     if (finder->is_shaded) {
@@ -113,21 +114,28 @@ static void measure_window(const struct centroid_finder *finder, struct plane pl
         slope_y = slope[1] / (skin < 0 ? -lit : lit);
     }
     const float constant = skin * levels.scale - finder->gate;
-    float mass = 0.0f, moment_x = 0.0f, moment_y = 0.0f;
+    float masses[AT_ONCE] = {0}, moments_x[AT_ONCE] = {0}, moments_y[AT_ONCE] = {0};
     read_window(finder, plane, centre);
     for (int y = 0; y < side; y++) {
-        const float *pixels = finder->window + y * side, *more = added + y * side;
-        const float factor = (float)(y - reach) * slope_y - levels.scale;
-        float sum = 0.0f;
-        for (int x = 0; x < side; x++) {
-            const float linear = (pixels[x] - unlit) * (factor + (float)(x - reach) * slope_x) + constant + more[x];
-            const float darker = within(linear, 0.0f, 1.0f);
-            const float weight = darker * darker * (1.5f - darker); /* smooth at both ends */
-            sum += weight;
-            moment_x += weight * (float)(x - reach);
+        const float up = (float)(y - reach), factor = up * slope_y - levels.scale;
+        for (int x = 0; x < stride; x += AT_ONCE) {
+            const float *pixels = finder->window + y * stride + x, *more = added + y * stride + x;
+            for (int k = 0; k < AT_ONCE; k++) {
+                const float along = (float)(x + k - reach);
+                const float linear = (pixels[k] - unlit) * (factor + along * slope_x) + constant + more[k];
+                const float darker = within(linear, 0.0f, 1.0f);
+                const float weight = darker * darker * (1.5f - darker); /* smooth at both ends */
+                masses[k] += weight;
+                moments_x[k] += weight * along;
+                moments_y[k] += weight * up;
+            }
         }
-        mass += sum;
-        moment_y += sum * (float)(y - reach);
+    }
+    float mass = 0.0f, moment_x = 0.0f, moment_y = 0.0f;
+    for (int k = 0; k < AT_ONCE; k++) {
+        mass += masses[k];
+        moment_x += moments_x[k];
+        moment_y += moments_y[k];
     }
     mass = larger(mass, 1e-3f);
     offset[0] = (double)(moment_x / mass) - finder->slope_shift[2 * bead];

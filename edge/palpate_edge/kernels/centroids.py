@@ -11,6 +11,9 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
 from palpate_edge.kernels.library import POINTER, address, kernel
 
+AT_ONCE = 8  # pixels of a row that the kernel weights together
+OUTSIDE = -1e6  # added to the weight of pixels outside a window
+
 
 class WindowShapes(NamedTuple):
     """Windows about n beads, in binned pixels.
@@ -55,7 +58,7 @@ class Found(NamedTuple):
 
 class _Finder(ctypes.Structure):
     _fields_ = (
-        *((name, c_int32) for name in ("beads", "side", "reach", "per_bead", "is_shaded")),
+        *((name, c_int32) for name in ("beads", "side", "reach", "stride", "per_bead", "is_shaded")),
         *((name, c_float) for name in ("gate", "unlit", "darkest_skin")),
         ("max_step", c_double),
         *((name, POINTER) for name in (*WindowShapes._fields[1:], "window")),
@@ -68,14 +71,18 @@ class CentroidFinder:
 
     def __init__(self, shapes: WindowShapes, limits: WindowLimits) -> None:
         count, side = len(shapes.diameter), 2 * shapes.reach + 1
+        stride = -(-side // AT_ONCE) * AT_ONCE
+        added = np.full((len(shapes.added), side, stride), OUTSIDE, np.float32)
+        added[:, :, :side] = shapes.added.reshape(-1, side, side)
+        given = shapes._replace(added=added)[1:]
         types = (np.int32, np.float32, np.float32, np.float32, np.float64, np.float32, np.float64)
         self._which, self._start = np.arange(count, dtype=np.int32), np.zeros((count, 2))
         self._min_contrast, *floats = np.zeros((4, count), np.float32)
         flags, windows = np.zeros(count, np.bool_), np.zeros(count, np.int32)
         self._found = Found(np.zeros((count, 2)), floats[0], floats[1], floats[2], flags, windows)
         self._arrays = (  # in the order of the structure; kept as long as the finder is used
-            *(np.ascontiguousarray(given, kind) for given, kind in zip(shapes[1:], types, strict=True)),
-            np.empty((side, side), np.float32),
+            *(np.ascontiguousarray(array, kind) for array, kind in zip(given, types, strict=True)),
+            np.zeros((side, stride), np.float32),
             self._which,
             self._start,
             self._min_contrast,
@@ -85,7 +92,7 @@ class CentroidFinder:
         per_bead, is_shaded = len(shapes.added) > 1, limits.unlit is not None
         numbers = limits.gate, limits.unlit or 0.0, limits.darkest_skin, limits.max_step
         self._finder = ctypes.byref(
-            _Finder(count, side, shapes.reach, per_bead, is_shaded, *numbers, *addresses)
+            _Finder(count, side, shapes.reach, stride, per_bead, is_shaded, *numbers, *addresses)
         )
         self._all = self._which.copy()
         self._find = kernel("find_centroids", POINTER, POINTER, *[c_int32] * 6, c_double)

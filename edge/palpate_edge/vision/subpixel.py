@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
-from palpate_edge.kernels.centroids import CentroidFinder, WindowLimits, WindowShapes
+from palpate_edge.kernels.centroids import OUTSIDE, CentroidFinder, WindowLimits, WindowShapes
 from palpate_edge.vision.binning import halved
 from palpate_edge.vision.shading import Shading, skin_reach
 
@@ -31,7 +31,6 @@ CONVERGED_STEP = 0.05  # of a bead diameter: a centroid that moved less is on it
 MAX_STEP = 0.5  # of a bead diameter
 GATE = 0.1  # of the contrast: a pixel less darker than the skin has weight 0
 MAX_STEPS = 4
-OUTSIDE = -1e6  # added to the weight of pixels outside the disk
 DARKEST_SKIN = 0.25  # of the contrast: lower bound of the skin's grey that slopes are scaled by
 
 
