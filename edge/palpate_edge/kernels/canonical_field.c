@@ -45,7 +45,7 @@ KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, 
             const float *bead = turned + b;
             float4 x = *(const float4 *)bead - to_x, y = *(const float4 *)(bead + row) - to_y;
             float4 z = *(const float4 *)(bead + 2 * row) - to_z;
-            float4 distance = __builtin_elementwise_sqrt(x * x + y * y + z * z);
+            float4 distance = sqrt4(x * x + y * y + z * z);
             *(float4 *)(kernel + b) = (1.0f + distance) * decay4(distance);
         }
     }

@@ -1,4 +1,4 @@
-/* The exponential function, of four floats and of one double: there is no C library. */
+/* Functions of four floats at once, and the exponential of a double: there is no C library. */
 
 #ifndef PALPATE_EXPONENTIAL_H
 #define PALPATE_EXPONENTIAL_H
@@ -8,6 +8,10 @@
 typedef int32_t whole4 __attribute__((vector_size(16), aligned(4)));
 
 static inline float4 all4(float value) { return (float4){value, value, value, value}; }
+
+static inline float4 sqrt4(float4 x) {
+    return (float4){__builtin_sqrtf(x[0]), __builtin_sqrtf(x[1]), __builtin_sqrtf(x[2]), __builtin_sqrtf(x[3])};
+}
 
 /* exp(-x) of x >= 0 to 2 ulp (Moshier, Cephes, expf): -x = n log 2 + r with |r| <= log(2) / 2, a polynomial
  * of r, times 2^n. Above 87 it is that of 87; NaN stays NaN.

@@ -48,7 +48,7 @@ def address(array: NDArray[Any], dtype: type[np.generic]) -> int:
 
 
 def checksum(folder: Path) -> int:
-    """Return the checksum of the C sources in a folder, as hatch_build.py compiles it into the library."""
+    """Return the checksum of the C sources in a folder, which the build compiles into the library."""
     sources = sorted(path for path in folder.iterdir() if path.suffix in (".c", ".h"))
     return zlib.crc32(b"".join(path.read_bytes() for path in sources))
 
