@@ -6,7 +6,6 @@
 #include "matching.h"
 
 #define ROW 12
-#define MIN_TOTAL 1e-6f /* of the weights; a bead without known neighbours is given displacement 0 */
 
 static void fill_rows(const struct local_warp *warp) {
     for (int32_t bead = 0; bead < warp->beads; bead++) {
@@ -38,7 +37,7 @@ void local_warp_fit(const struct local_warp *warp) {
             float weight = warp->weight[i];
             one += weight * row[0], two += weight * row[1], three += weight * row[2];
         }
-        float total = larger(one[0], MIN_TOTAL), per_total = 1.0f / total;
+        float total = larger(one[0], warp->min_weight), per_total = 1.0f / total;
         one *= per_total, two *= per_total, three *= per_total;
         float x = one[1], y = one[2], shift_x = two[2], shift_y = two[3];
         float xx = one[3] - x * x + warp->ridge, xy = two[0] - x * y, yy = two[1] - y * y + warp->ridge;

@@ -18,6 +18,7 @@ class WarpFields(ctypes.Structure):
     _fields_ = (
         ("beads", ctypes.c_int32),
         ("ridge", ctypes.c_float),
+        ("min_weight", ctypes.c_float),
         ("first", POINTER),
         ("neighbour", POINTER),
         ("weight", POINTER),
@@ -55,6 +56,7 @@ class WarpKernel:
         self.fields = WarpFields(
             beads=count,
             ridge=ridge,
+            min_weight=MIN_WEIGHT,
             first=address(self._first, np.int32),
             neighbour=address(self._neighbour, np.int32),
             weight=address(self._weight, np.float32),

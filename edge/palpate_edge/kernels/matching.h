@@ -36,6 +36,7 @@ struct blob_wish {
 struct local_warp {
     int32_t beads;
     float ridge;              /* of the gradient, squared units */
+    float min_weight;         /* of all known neighbours; a bead without any is given displacement 0 */
     const int32_t *first;     /* (n + 1) where each bead's neighbours start */
     const int32_t *neighbour; /* (e) */
     const float *weight;      /* (e) */
