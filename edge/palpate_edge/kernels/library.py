@@ -63,7 +63,7 @@ def machine() -> str:
 
 
 @cache
-def _library() -> ctypes.CDLL:
+def _library() -> ctypes.PyDLL:
     path = FOLDER / f"{machine()}.so"
     if not path.exists():
         others = ", ".join(sorted(other.stem for other in FOLDER.glob("*.so"))) or "no machine"
@@ -71,7 +71,9 @@ def _library() -> ctypes.CDLL:
             f"palpate's compiled kernels are missing for {machine()} (they are there for {others}): "
             "install palpate again, or run python hatch_build.py in its sources"
         )
-    library = ctypes.CDLL(str(path))
+    # A kernel takes a fraction of a millisecond: for that no other thread gets the interpreter, from which it
+    # might come back only 5 ms later.
+    library = ctypes.PyDLL(str(path))
     library.kernels_checksum.restype = ctypes.c_uint32
     if library.kernels_checksum() != checksum(FOLDER):
         raise KernelsError(

@@ -169,10 +169,12 @@ class Tracker:
             is_bead |= noise[lost] < SURE_NOISE
             is_bead &= step_squared[lost] < MAX_PREDICTED_STEP**2 * self._diameter_px**2
             found[lost] = is_bead & (beads.doubt <= MAX_DOUBT)
-            apart_px = distances(fitted.position_px[lost], fitted.position_px)
-            apart_px[:, ~found] = np.inf
-            apart_px[np.arange(len(lost)), lost] = np.inf
-            found[lost] &= apart_px.min(axis=1) > MIN_APART * self._diameter_px
+            seen = lost[found[lost]]
+            if len(seen):
+                apart_px = distances(fitted.position_px[seen], fitted.position_px)
+                apart_px[:, ~found] = np.inf
+                apart_px[np.arange(len(seen)), seen] = np.inf
+                found[seen] = apart_px.min(axis=1) > MIN_APART * self._diameter_px
         position_px = np.where(found[:, None], fitted.position_px, start_px)
         noise[~found] = 1.0
         return Beads.from_positions(
