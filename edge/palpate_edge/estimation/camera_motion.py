@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.kernels.camera_motion import MOTIONS, CameraMotionKernel
+from palpate_edge.kernels.camera_motion import CameraMotionKernel
 from palpate_edge.vision.beads import Beads, Reference
 
 DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
