@@ -75,7 +75,8 @@ class SlipDetector:
             return False
         share = normal_N / math.hypot(*position)
         tangential = [part + share * outward for part, outward in zip(force, position, strict=True)]
-        return sum(map(mul, travel, tangential)) >= MIN_COSINE * travel_mm * math.hypot(*tangential)
+        along: float = sum(map(mul, travel, tangential))
+        return along >= MIN_COSINE * travel_mm * math.hypot(*tangential)
 
     def _frames_of_a_mean(self) -> int:
         """Return the number of the last frames within `MEAN_US`, at least `LEAST_FRAMES`, known or not."""
