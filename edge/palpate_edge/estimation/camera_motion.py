@@ -15,7 +15,6 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.kernels.camera_motion import CameraMotionKernel
 from palpate_edge.vision.beads import Beads, Reference
 
-MOTIONS = 6
 DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
 
 

@@ -17,7 +17,8 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.estimation.camera_motion import MOTIONS, SplitMotion, camera_modes, camera_slopes
+from palpate_edge.estimation.camera_motion import SplitMotion, camera_modes, camera_slopes
+from palpate_edge.kernels.camera_motion import MOTIONS
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.neighbourhood import rms
 

@@ -22,9 +22,7 @@ from operator import mul
 from statistics import fmean
 
 import msgspec
-import numpy as np
 
-from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact import Contact, Vector3
 
 WINDOW_US = 1_000_000
@@ -70,15 +68,15 @@ class SlipDetector:
             while len(self._past) > count:
                 self._past.popleft()
             return False  # most contacts end here, before anything slower
-        outward = np.array(position) / math.hypot(*position)
-        tangential = np.array(force) + normal_N * outward
-        tangential_N = float(np.linalg.norm(tangential))
         travel = self._travel_mm(count)
-        travel_mm = float(np.linalg.norm(travel))
+        travel_mm = math.hypot(*travel)
         largest_mm = max(seen.radius_mm for seen in self._past)
         if travel_mm < max(MIN_TRAVEL_MM, TRAVEL_OVER_RADIUS * largest_mm):
             return False
-        return float(travel @ tangential) >= MIN_COSINE * travel_mm * tangential_N
+        share = normal_N / math.hypot(*position)
+        tangential = [part + share * outward for part, outward in zip(force, position, strict=True)]
+        along: float = sum(map(mul, travel, tangential))
+        return along >= MIN_COSINE * travel_mm * math.hypot(*tangential)
 
     def _frames_of_a_mean(self) -> int:
         """Return the number of the last frames within `MEAN_US`, at least `LEAST_FRAMES`, known or not."""
@@ -86,9 +84,12 @@ class SlipDetector:
         recent = sum(1 for _ in takewhile(lambda seen: seen.exposed_at_us >= since_us, reversed(self._past)))
         return max(recent, LEAST_FRAMES)
 
-    def _travel_mm(self, count: int) -> Array:
-        """Return the travel (3,) over the skin within the window, between means of `count` frames."""
-        places = [seen.position_mm for seen in self._past]
-        if len(places) < 2 * count:
-            return np.zeros(3)
-        return np.asarray(np.mean(places[-count:], axis=0) - np.mean(places[:count], axis=0))
+    def _travel_mm(self, count: int) -> Vector3:
+        """Return the travel over the skin within the window, between means of `count` frames."""
+        if len(self._past) < 2 * count:
+            return 0.0, 0.0, 0.0
+        first = [seen.position_mm for seen in islice(self._past, count)]
+        last = [seen.position_mm for seen in islice(reversed(self._past), count)]
+        starts, ends = zip(*first, strict=True), zip(*last, strict=True)
+        x, y, z = ((sum(end) - sum(start)) / count for start, end in zip(starts, ends, strict=True))
+        return x, y, z

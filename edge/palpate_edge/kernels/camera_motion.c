@@ -19,7 +19,7 @@ struct camera_motion {
     double *size_px;         /* (1,): of the averaged dent */
 };
 
-/* The common part of the displacement, by least squares over the beads' weights, and the found beads' dent. */
+/* The common part of the displacement, by weighted least squares, and the dent of the found beads. */
 KERNEL int camera_motion(const struct camera_motion *motion) {
     double normal[MOTIONS * MOTIONS] = {0.0}, amounts[MOTIONS] = {0.0};
     for (int32_t k = 0; k < 2 * motion->beads; k++) {

@@ -125,9 +125,8 @@ static void coefficients_of(const struct contact_fit *fit, int with_slopes) {
 /* What the beads show of fields of size 1: `seen`, (3, 6, beads), mm, in the canonical frame. */
 static void see(const struct contact_fit *fit) {
     int32_t skin = fit->padded_skin, row = fit->padded_beads, count = fit->directions;
-    multiply(
-        fit->skin, fit->shapes + 1, skin, fit->coefficients, fit->padded_shapes + BLOCK, fit->moved, skin, COLUMNS
-    );
+    int32_t all = fit->padded_shapes + BLOCK;
+    multiply(fit->skin, fit->shapes + 1, skin, fit->coefficients, all, fit->moved, skin, COLUMNS);
     for (int axis = 0; axis < 3; axis++) {
         float *seen = fit->seen + axis * COLUMNS * row;
         multiply(fit->kernel, count, row, fit->moved + axis * count, skin, seen, row, COLUMNS);

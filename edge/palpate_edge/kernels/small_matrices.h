@@ -52,19 +52,27 @@ static inline void add_scaled(
         sum[k] += factor * values[k];
 }
 
+/* Add four rows of a matrix times their factors: a sum is loaded and stored less often than one by one. */
+static inline void add_four(
+    double *restrict sum, const double *const rows[4], const double factors[4], int32_t from, int32_t to
+) {
+    const double *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2], *restrict d = rows[3];
+    for (int32_t k = from; k < to; k++)
+        sum[k] += factors[0] * a[k] + factors[1] * b[k] + factors[2] * c[k] + factors[3] * d[k];
+}
+
 /* Cholesky's factor U, with U' U = A, of a symmetric positive matrix A (size, size), of which the upper
- * triangle is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has NaN
- * or infinite numbers. Four rows above are taken off a row at a time, so that it is loaded and stored less often. */
+ * triangle is given, in its place, but with the inverse of each diagonal number. Of any other matrix it has
+ * NaN or infinite numbers. */
 static inline void factorise(double *matrix, int32_t size) {
     for (int32_t i = 0; i < size; i++) {
-        double *restrict row = matrix + (int64_t)i * size;
+        double *row = matrix + (int64_t)i * size;
         int32_t k = 0;
         for (; k + 3 < i; k += 4) {
-            const double *restrict a = matrix + (int64_t)k * size, *restrict b = a + size;
-            const double *restrict c = b + size, *restrict d = c + size;
-            double by_a = a[i], by_b = b[i], by_c = c[i], by_d = d[i];
-            for (int32_t j = i; j < size; j++)
-                row[j] -= by_a * a[j] + by_b * b[j] + by_c * c[j] + by_d * d[j];
+            const double *above = matrix + (int64_t)k * size;
+            const double *rows[4] = {above, above + size, above + 2 * size, above + 3 * size};
+            const double factors[4] = {-rows[0][i], -rows[1][i], -rows[2][i], -rows[3][i]};
+            add_four(row, rows, factors, i, size);
         }
         for (; k < i; k++) {
             const double *above = matrix + (int64_t)k * size;

@@ -13,6 +13,7 @@ struct smoothing {
     const double *variance;  /* (fields,) */
     const double *measured_px;   /* (beads, 2) */
     const double *weight;    /* (beads,): of each bead */
+    int32_t *inexact;        /* (beads,): which are not exact */
     double *each;            /* (beads,): W, the same along x and y */
     double *normal;          /* (fields, fields) */
     double *amounts;         /* (fields,) */
@@ -42,15 +43,19 @@ static void solve_inexact(const struct smoothing *smoothing, double exact) {
             row[j] = exact * smoothing->gram[(int64_t)i * count + j];
         row[i] += 1.0 / smoothing->variance[i];
     }
-    for (int32_t b = 0; b < smoothing->beads; b++) {
-        double less = smoothing->each[b] - exact;
-        if (less == 0.0)
-            continue;
-        const double *restrict x = smoothing->field + 2 * (int64_t)b * count, *restrict y = x + count;
+    int32_t inexact = 0, *beads = smoothing->inexact;
+    for (int32_t b = 0; b < smoothing->beads; b++)
+        if (smoothing->each[b] != exact)
+            beads[inexact++] = b;
+    for (int32_t k = 0; k < inexact; k += 2) {
+        int32_t one = beads[k], other = k + 1 < inexact ? beads[k + 1] : one;
+        double less = smoothing->each[one] - exact, too = other == one ? 0.0 : smoothing->each[other] - exact;
+        const double *x = smoothing->field + 2 * (int64_t)one * count, *y = x + count;
+        const double *u = smoothing->field + 2 * (int64_t)other * count, *v = u + count;
+        const double *rows[4] = {x, y, u, v};
         for (int32_t i = 0; i < count; i++) {
-            double *restrict row = normal + (int64_t)i * count, by_x = less * x[i], by_y = less * y[i];
-            for (int32_t j = i; j < count; j++)
-                row[j] += by_x * x[j] + by_y * y[j];
+            const double factors[4] = {less * x[i], less * y[i], too * u[i], too * v[i]};
+            add_four(normal + (int64_t)i * count, rows, factors, i, count);
         }
     }
     factorise(normal, count);

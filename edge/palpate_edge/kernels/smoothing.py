@@ -15,6 +15,7 @@ _POINTERS = (
     "variance",
     "measured_px",
     "weight",
+    "inexact",
     "each",
     "normal",
     "amounts",
@@ -50,7 +51,7 @@ class SmoothingKernel:
             raise ValueError(f"typical fields of {rows} rows and {count} columns, {len(variance)} variances")
         beads = rows // 2
         self._measured_px, self._weight = np.zeros((beads, 2)), np.zeros(beads)
-        self._smoothed_px = np.zeros((beads, 2))
+        self._smoothed_px, self._inexact = np.zeros((beads, 2)), np.zeros(beads, np.int32)
         self._arrays = {
             "field": np.ascontiguousarray(fields),
             "gram": np.ascontiguousarray(fields.T @ fields),
@@ -69,6 +70,7 @@ class SmoothingKernel:
             noise_weight,
             remainder,
             least_signal,
+            inexact=address(self._inexact, np.int32),
             **{name: address(array, np.float64) for name, array in self._arrays.items()},
         )
         self._struct = ctypes.byref(struct)
