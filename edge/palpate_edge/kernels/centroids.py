@@ -72,7 +72,7 @@ class CentroidFinder:
     def __init__(self, shapes: WindowShapes, limits: WindowLimits) -> None:
         count, side = len(shapes.diameter), 2 * shapes.reach + 1
         stride = -(-side // AT_ONCE) * AT_ONCE
-        added = np.full((len(shapes.added), side, stride), OUTSIDE, np.float32)
+        added = np.full((len(shapes.added), side, stride), OUTSIDE)
         added[:, :, :side] = shapes.added.reshape(-1, side, side)
         given = shapes._replace(added=added)[1:]
         types = (np.int32, np.float32, np.float32, np.float32, np.float64, np.float32, np.float64)
