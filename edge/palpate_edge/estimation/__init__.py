@@ -1,7 +1,7 @@
 """From numbered beads to contact position, force and slip.
 
 Belongs here: the estimator and one method a file (paper, correction model, drift, slip), with the
-calibration they read. May use: vision, geometry, common; no file, clock, socket or thread.
+calibration they read. May use: vision, geometry, kernels, common; no file, clock, socket or thread.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports

@@ -1,5 +1,11 @@
-"""Compiled kernels: the loops over beads, samples and blobs of every frame, in C, and their use from Python.
+"""Compiled kernels: the loops over beads, samples and blobs of every frame, in C.
 
-A kernel is a C file and a Python module of its name, which gives it arrays and takes its results. It may use
-common alone.
+Belongs here: C sources that compute and allocate nothing, and for each a Python module of its name that gives it
+arrays and takes its results; no method of its own, those are described where a kernel is used. May use: common.
 """
+
+from palpate_edge.common.lazy_exports import lazy_exports
+
+__all__ = ["address", "kernel"]
+
+__getattr__ = lazy_exports(__name__, {"library": "address kernel"})

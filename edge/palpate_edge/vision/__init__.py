@@ -1,7 +1,7 @@
 """From an image to numbered beads.
 
 Belongs here: blob detection, sub-pixel places, tracking and the registration of a first image; no touch, no
-force. May use: geometry, common.
+force. May use: geometry, kernels, common.
 """
 
 from palpate_edge.common.lazy_exports import lazy_exports
