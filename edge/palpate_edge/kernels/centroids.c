@@ -12,18 +12,18 @@ struct centroid_finder {
     int32_t is_shaded;                    /* by a light: then `unlit` and `slope` count */
     float gate, unlit, darkest_skin;
     double max_step;           /* bead diameters */
-    const int32_t *circles;    /* (beads, CIRCLE, 2), column and row from the centre: of the skin, of the core */
-    const float *ranks;        /* (2, SKIN_PIXELS): weights of the skin's sorted pixels in its grey, its variation */
-    const float *added;        /* (beads or 1, side, stride), to the weights of a window's pixels */
-    const float *slope;        /* (beads, 2), of the skin's grey over the contrast */
+    const int32_t *circles; /* (beads, CIRCLE, 2), column and row from the centre: of the skin, of the core */
+    const float *ranks; /* (2, SKIN_PIXELS): weights of the skin's sorted pixels in its grey, its variation */
+    const float *added; /* (beads or 1, side, stride), to the weights of a window's pixels */
+    const float *slope; /* (beads, 2), of the skin's grey over the contrast */
     const double *slope_shift; /* (beads, 2), which the slope adds to the centroid */
-    const float *half_area;    /* (beads) */
-    const double *diameter;    /* (beads) */
-    float *window;             /* (side, stride), memory to work in; 0 beyond the side */
-    const int32_t *which;      /* (beads), the beads that are looked for, where, and what is found: */
-    const double *start;       /* (beads, 2) */
+    const float *half_area; /* (beads) */
+    const double *diameter; /* (beads) */
+    float *window; /* (side, stride), memory to work in; 0 beyond the side */
+    const int32_t *which; /* (beads), the beads that are looked for, where, and what is found: */
+    const double *start; /* (beads, 2) */
     const float *min_contrast; /* (beads) */
-    double *place;             /* (beads, 2) */
+    double *place; /* (beads, 2) */
     float *contrast, *area, *unevenness;
     uint8_t *converged;
     int32_t *windows;
@@ -43,7 +43,8 @@ static int32_t limited(int32_t value, int32_t high) { return value < 0 ? 0 : val
 static float pixel(struct plane plane, int32_t column, int32_t row) {
     const int64_t index =
         (int64_t)limited(row, plane.height - 1) * plane.width + limited(column, plane.width - 1);
-    return plane.is_bytes ? (float)((const uint8_t *)plane.pixels)[index] : ((const float *)plane.pixels)[index];
+    return plane.is_bytes ? (float)((const uint8_t *)plane.pixels)[index]
+                          : ((const float *)plane.pixels)[index];
 }
 
 /* Sort a few numbers: odd-even merge sort (Batcher), the same steps for any input. */
@@ -52,7 +53,8 @@ static void sort_skin(float values[SKIN_PIXELS]) {
         for (int k = p; k >= 1; k /= 2) {
             for (int j = k % p; j + k < SKIN_PIXELS; j += 2 * k) {
                 for (int i = 0; i < k && i + j + k < SKIN_PIXELS; i++) {
-                    if ((i + j) / (2 * p) != (i + j + k) / (2 * p)) continue;
+                    if ((i + j) / (2 * p) != (i + j + k) / (2 * p))
+                        continue;
                     const float low = values[i + j], high = values[i + j + k];
                     values[i + j] = smaller(low, high);
                     values[i + j + k] = larger(low, high);
@@ -66,8 +68,10 @@ static struct levels measure_levels(const struct centroid_finder *finder, struct
                                     const int32_t centre[2]) {
     const int32_t *step = finder->circles + (int64_t)bead * CIRCLE * 2;
     float skin[SKIN_PIXELS], core = 0.0f, grey = 0.0f, variation = 0.0f;
-    for (int i = 0; i < SKIN_PIXELS; i++) skin[i] = pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
-    for (int i = SKIN_PIXELS; i < CIRCLE; i++) core += pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    for (int i = 0; i < SKIN_PIXELS; i++)
+        skin[i] = pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    for (int i = SKIN_PIXELS; i < CIRCLE; i++)
+        core += pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
     sort_skin(skin);
     for (int i = 0; i < SKIN_PIXELS; i++) {
         grey += finder->ranks[i] * skin[i];
@@ -87,20 +91,23 @@ static void read_window(const struct centroid_finder *finder, struct plane plane
         float *row = finder->window + y * finder->stride;
         const int64_t start = (int64_t)(top + y) * plane.width + left;
         if (!is_inside) {
-            for (int x = 0; x < side; x++) row[x] = pixel(plane, left + x, top + y);
+            for (int x = 0; x < side; x++)
+                row[x] = pixel(plane, left + x, top + y);
         } else if (plane.is_bytes) {
             const uint8_t *pixels = (const uint8_t *)plane.pixels + start;
-            for (int x = 0; x < side; x++) row[x] = (float)pixels[x];
+            for (int x = 0; x < side; x++)
+                row[x] = (float)pixels[x];
         } else {
             const float *pixels = (const float *)plane.pixels + start;
-            for (int x = 0; x < side; x++) row[x] = pixels[x];
+            for (int x = 0; x < side; x++)
+                row[x] = pixels[x];
         }
     }
 }
 
 /* The centroid, from the centre of its window, and the bead's area. */
-static void measure_window(const struct centroid_finder *finder, struct plane plane, int bead, const int32_t centre[2],
-                           struct levels levels, double offset[2], float *area) {
+static void measure_window(const struct centroid_finder *finder, struct plane plane, int bead,
+                           const int32_t centre[2], struct levels levels, double offset[2], float *area) {
     const int side = finder->side, reach = finder->reach, stride = finder->stride;
     const float *added = finder->added + (finder->per_bead ? (int64_t)bead * side * stride : 0);
     const float *slope = finder->slope + 2 * bead;
@@ -169,7 +176,8 @@ static void find_centroid(const struct centroid_finder *finder, struct plane pla
         int32_t centre[2];
         double offset[2];
         if (taken) {
-            for (int a = 0; a < 2; a++) place[a] += clipped(step[a], limit);
+            for (int a = 0; a < 2; a++)
+                place[a] += clipped(step[a], limit);
         }
         move_inside(plane, place, centre);
         const struct levels levels = measure_levels(finder, plane, bead, centre);
@@ -183,12 +191,14 @@ static void find_centroid(const struct centroid_finder *finder, struct plane pla
         }
         squared = step[0] * step[0] + step[1] * step[1];
         const int is_faint = !taken && !(levels.contrast >= finder->min_contrast[i]);
-        if (is_faint || !(squared > near_squared)) break;
+        if (is_faint || !(squared > near_squared))
+            break;
     }
     finder->converged[i] = squared <= near_squared;
     if (start[0] < 0 || start[1] < 0 || start[0] > plane.width - 1.0 || start[1] > plane.height - 1.0) {
         finder->contrast[i] = 0.0f;
-        for (int a = 0; a < 2; a++) finder->place[2 * i + a] = start[a];
+        for (int a = 0; a < 2; a++)
+            finder->place[2 * i + a] = start[a];
     }
 }
 
@@ -209,8 +219,9 @@ static int count_faint(const struct centroid_finder *finder, struct plane plane,
 
 /* Find the centroids of the first `count` beads of `which`. Where more than `max_faint` starts are faint, all
  * stay where they are. */
-KERNEL int find_centroids(const struct centroid_finder *finder, const void *pixels, int32_t is_bytes, int32_t height,
-                          int32_t width, int32_t count, int32_t max_steps, int32_t max_faint, double converged_step) {
+KERNEL int find_centroids(const struct centroid_finder *finder, const void *pixels, int32_t is_bytes,
+                          int32_t height, int32_t width, int32_t count, int32_t max_steps, int32_t max_faint,
+                          double converged_step) {
     const struct plane plane = {pixels, is_bytes, height, width};
     const int stays = max_faint < count && count_faint(finder, plane, count) > max_faint;
     for (int i = 0; i < count; i++) {

@@ -72,9 +72,8 @@ static void tangents_of(const double *unit, double tangents[2][3]) {
 }
 
 /* The kernels of the centres at a contact and, with `tangents`, their slopes along the five numbers. */
-static void kernels_of_centres(
-    const struct contact_fit *fit, const struct touch *touch, double tangents[4][3]
-) {
+static void kernels_of_centres(const struct contact_fit *fit, const struct touch *touch,
+                               double tangents[4][3]) {
     int32_t row = fit->padded_centres;
     float point[POINT], along[4][3], growth = (float)fit->size_weight;
     for (int k = 0; k < 3; k++) {

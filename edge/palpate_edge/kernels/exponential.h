@@ -10,7 +10,8 @@ typedef int32_t whole4 __attribute__((vector_size(16), aligned(4)));
 static inline float4 all4(float value) { return (float4){value, value, value, value}; }
 
 static inline float4 sqrt4(float4 x) {
-    return (float4){__builtin_sqrtf(x[0]), __builtin_sqrtf(x[1]), __builtin_sqrtf(x[2]), __builtin_sqrtf(x[3])};
+    return (float4){__builtin_sqrtf(x[0]), __builtin_sqrtf(x[1]), __builtin_sqrtf(x[2]),
+                    __builtin_sqrtf(x[3])};
 }
 
 /* exp(-x) of x >= 0 to 2 ulp (Moshier, Cephes, expf): -x = n log 2 + r with |r| <= log(2) / 2, a polynomial

@@ -38,8 +38,8 @@ static byte16 odd_pixels(const uint8_t *bytes) {
     return __builtin_shufflevector(low, high, 3, 4, 5, 9, 10, 11, 15, 24, 25, 29, 30, 31, 31, 31, 31, 31);
 }
 
-static void halve_pixel(const uint8_t *upper, const uint8_t *lower, const float weights[COLOURS], uint8_t *small,
-                        float *plane) {
+static void halve_pixel(const uint8_t *upper, const uint8_t *lower, const float weights[COLOURS],
+                        uint8_t *small, float *plane) {
     float sum = 0.0f;
     for (int c = 0; c < COLOURS; c++) {
         small[c] = (uint8_t)((upper[c] + upper[COLOURS + c] + lower[c] + lower[COLOURS + c] + 2) >> 2);
@@ -49,24 +49,24 @@ static void halve_pixel(const uint8_t *upper, const uint8_t *lower, const float 
 }
 
 /* Four pixels of eight of two rows. */
-static void halve_four(const uint8_t *upper, const uint8_t *lower, const float weights[COLOURS], uint8_t *small,
-                       float *plane) {
+static void halve_four(const uint8_t *upper, const uint8_t *lower, const float weights[COLOURS],
+                       uint8_t *small, float *plane) {
     const byte16 mean =
         mean_of_four(even_pixels(upper), odd_pixels(upper), even_pixels(lower), odd_pixels(lower));
     __builtin_memcpy(small, &mean, COLOURS * AT_ONCE);
     const byte4 blue = __builtin_shufflevector(mean, mean, 0, 3, 6, 9);
     const byte4 green = __builtin_shufflevector(mean, mean, 1, 4, 7, 10);
     const byte4 red = __builtin_shufflevector(mean, mean, 2, 5, 8, 11);
-    const float4 sum = weights[0] * __builtin_convertvector(blue, float4)
-                       + weights[1] * __builtin_convertvector(green, float4)
-                       + weights[2] * __builtin_convertvector(red, float4);
+    const float4 sum = weights[0] * __builtin_convertvector(blue, float4) +
+                       weights[1] * __builtin_convertvector(green, float4) +
+                       weights[2] * __builtin_convertvector(red, float4);
     __builtin_memcpy(plane, &sum, sizeof sum);
 }
 
 /* small (height / 2, width / 2, 3): means of two by two pixels of an image (height, width, 3), whose rows are
  * `stride` bytes apart; plane (height / 2, width / 2): its colours B, G, R times `weights`, added. */
-KERNEL int halve_colours(const uint8_t *image, int64_t stride, int32_t height, int32_t width, float blue, float green,
-                         float red, uint8_t *small, float *plane) {
+KERNEL int halve_colours(const uint8_t *image, int64_t stride, int32_t height, int32_t width, float blue,
+                         float green, float red, uint8_t *small, float *plane) {
     const float weights[COLOURS] = {blue, green, red};
     const int half = width / 2;
     for (int row = 0; row < height / 2; row++) {
@@ -78,7 +78,8 @@ KERNEL int halve_colours(const uint8_t *image, int64_t stride, int32_t height, i
             __builtin_prefetch(lower + 6 * x + AHEAD);
             halve_four(upper + 6 * x, lower + 6 * x, weights, pixels + 3 * x, values + x);
         }
-        for (; x < half; x++) halve_pixel(upper + 6 * x, lower + 6 * x, weights, pixels + 3 * x, values + x);
+        for (; x < half; x++)
+            halve_pixel(upper + 6 * x, lower + 6 * x, weights, pixels + 3 * x, values + x);
     }
     return 0;
 }

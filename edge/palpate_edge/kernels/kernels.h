@@ -12,7 +12,8 @@
 
 typedef uint8_t byte4 __attribute__((vector_size(4)));
 typedef float float4 __attribute__((vector_size(16), aligned(4)));
-typedef float float8 __attribute__((vector_size(32), aligned(4))); /* two float4 where the machine has no AVX */
+typedef float float8
+    __attribute__((vector_size(32), aligned(4))); /* two float4 where the machine has no AVX */
 
 static inline float smaller(float a, float b) { return a < b ? a : b; }
 static inline float larger(float a, float b) { return a > b ? a : b; }

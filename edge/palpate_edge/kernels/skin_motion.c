@@ -7,17 +7,17 @@
 struct skin_motion {
     int32_t beads, padded_beads;
     const float *neighbours; /* (beads, 2, padded beads): of each bead to all, as averaged, without itself */
-    const double *reference_px;   /* (beads, 2) */
-    const double *spacing_px;     /* (beads,) */
+    const double *reference_px; /* (beads, 2) */
+    const double *spacing_px; /* (beads,) */
     const double *exact_variance; /* (beads,): of the average with all beads exact */
-    const double *position_px;    /* (beads, 2) */
-    const double *weight;    /* (beads,) */
-    const uint8_t *found;    /* (beads,) */
-    float *columns;          /* (3, beads) */
-    float *sums;             /* (3, 2, padded beads) */
-    float *squared_sums;     /* (padded beads,) */
+    const double *position_px; /* (beads, 2) */
+    const double *weight; /* (beads,) */
+    const uint8_t *found; /* (beads,) */
+    float *columns; /* (3, beads) */
+    float *sums; /* (3, 2, padded beads) */
+    float *squared_sums; /* (padded beads,) */
     double *displacement_px; /* (beads, 2) */
-    double *motion;          /* (3,): size_px, roughness, noise */
+    double *motion; /* (3,): size_px, roughness, noise */
 };
 
 static inline double at_least(double value, double least) { return value < least ? least : value; }

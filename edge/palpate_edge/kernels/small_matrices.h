@@ -11,10 +11,9 @@
 /* out (columns, width) = values (columns, depth) times matrix (depth, width); width: a multiple of BLOCK.
  *
  * columns: a constant where it is called, at most MOST_COLUMNS; *_row: numbers from one row to the next. */
-static inline __attribute__((always_inline)) void multiply(
-    const float *matrix, int32_t depth, int32_t width, const float *values, int32_t values_row, float *out,
-    int32_t out_row, const int columns
-) {
+static inline __attribute__((always_inline)) void multiply(const float *matrix, int32_t depth, int32_t width,
+                                                           const float *values, int32_t values_row,
+                                                           float *out, int32_t out_row, const int columns) {
     for (int32_t at = 0; at < width; at += BLOCK) {
         float4 sums[MOST_COLUMNS][2];
 #pragma unroll
@@ -45,17 +44,15 @@ static inline double dot(const double *a, const double *b, int32_t count) {
     return sum;
 }
 
-static inline void add_scaled(
-    double *restrict sum, const double *restrict values, double factor, int32_t count
-) {
+static inline void add_scaled(double *restrict sum, const double *restrict values, double factor,
+                              int32_t count) {
     for (int32_t k = 0; k < count; k++)
         sum[k] += factor * values[k];
 }
 
 /* Add four rows of a matrix times their factors: a sum is loaded and stored less often than one by one. */
-static inline void add_four(
-    double *restrict sum, const double *const rows[4], const double factors[4], int32_t from, int32_t to
-) {
+static inline void add_four(double *restrict sum, const double *const rows[4], const double factors[4],
+                            int32_t from, int32_t to) {
     const double *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2], *restrict d = rows[3];
     for (int32_t k = from; k < to; k++)
         sum[k] += factors[0] * a[k] + factors[1] * b[k] + factors[2] * c[k] + factors[3] * d[k];

@@ -80,10 +80,8 @@ KERNEL int smoothing(const struct smoothing *smoothing, double found, int32_t al
         double weight = smoothing->weight[b];
         each[b] = weight == 1.0 ? exact : weight / (noise + smoothing->remainder * weight);
         for (int axis = 0; axis < 2; axis++)
-            add_scaled(
-                amounts, smoothing->field + (2 * (int64_t)b + axis) * count,
-                each[b] * smoothing->measured_px[2 * b + axis], count
-            );
+            add_scaled(amounts, smoothing->field + (2 * (int64_t)b + axis) * count,
+                       each[b] * smoothing->measured_px[2 * b + axis], count);
     }
     if (all_exact)  // the typical fields are orthonormal
         for (int32_t k = 0; k < count; k++)

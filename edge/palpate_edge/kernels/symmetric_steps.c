@@ -1,11 +1,18 @@
 /* Steps to the centres of symmetry of beads: vision/symmetric_fit.py has the method and the matrices.
  *
- * A bead's samples are read once, as numbers above those at its centre: the constant is a part of the fit, and
+ * A bead's samples are read once, as numbers above those at its centre: the fit has a constant, and
  * sums of small numbers are more exact. Rows of the least squares have COLUMNS numbers, the last one 0. */
 
 #include "kernels.h"
 
-enum { PROFILES = 5, PLANE = 3, FITTED = PLANE + PROFILES, COLUMNS = 24, MOST_SAMPLES = 256, MOST_COLOURS = 3 };
+enum {
+    PROFILES = 5,
+    PLANE = 3,
+    FITTED = PLANE + PROFILES,
+    COLUMNS = 24,
+    MOST_SAMPLES = 256,
+    MOST_COLOURS = 3
+};
 
 static const double LEAST_DETERMINANT = 1e-12, LEAST_TRACE = 1e-6;
 
@@ -37,7 +44,7 @@ struct measured {
     float explained, clipped;
 };
 
-/* Where the samples about a centre lie: index of the upper left one of four pixels, and the share of the next. */
+/* Where the samples about a centre lie: index of the upper left of four pixels, and the share of the next. */
 static void place_samples(const struct symmetric_fit *fit, struct image image, const double centre[2],
                           float diameter, int32_t *index, float *right, float *below) {
     const float high_x = (float)(image.width - 1), high_y = (float)(image.height - 1);
@@ -81,8 +88,9 @@ struct products {
 };
 
 /* Samples of B, G, R in one sum for each: 12 of them, which do not wait for each other. */
-static void multiply_colours(const struct symmetric_fit *fit, struct image image, int kind, const int32_t *index,
-                             const float *right, const float *below, struct products *out) {
+static void multiply_colours(const struct symmetric_fit *fit, struct image image, int kind,
+                             const int32_t *index, const float *right, const float *below,
+                             struct products *out) {
     const float *own = fit->own + (int64_t)kind * fit->padded_samples;
     const float8 *rows = (const float8 *)(fit->rows + (int64_t)kind * fit->padded_samples * COLUMNS);
     const int32_t row = image.width * image.colours, count = fit->samples;
@@ -95,22 +103,26 @@ static void multiply_colours(const struct symmetric_fit *fit, struct image image
         const float4 sample = sample_colours(upper, upper + row, right[g], below[g]);
         white -= __builtin_convertvector(sample > fit->clipped_grey, float4); /* true is -1 */
         above[g] = own[g] * (sample - centre);
-        for (int c = 0; c < MOST_COLOURS; c++) squares[c] += above[g][c] * above[g];
+        for (int c = 0; c < MOST_COLOURS; c++)
+            squares[c] += above[g][c] * above[g];
     }
     for (int g = 0; g < count; g++) { /* in a loop of its own: the sums fill the registers */
         for (int c = 0; c < MOST_COLOURS; c++) {
-            for (int v = 0; v < COLUMNS / 8; v++) sums[c][v] += above[g][c] * rows[g * (COLUMNS / 8) + v];
+            for (int v = 0; v < COLUMNS / 8; v++)
+                sums[c][v] += above[g][c] * rows[g * (COLUMNS / 8) + v];
         }
     }
     for (int c = 0; c < MOST_COLOURS; c++) {
-        for (int d = 0; d < MOST_COLOURS; d++) out->squares[c][d] = squares[c][d];
+        for (int d = 0; d < MOST_COLOURS; d++)
+            out->squares[c][d] = squares[c][d];
     }
     __builtin_memcpy(out->rows, sums, sizeof sums);
     out->clipped = (white[0] + white[1] + white[2]) / (float)(MOST_COLOURS * count);
 }
 
-static void multiply_greys(const struct symmetric_fit *fit, struct image image, int kind, const int32_t *index,
-                           const float *right, const float *below, struct products *out) {
+static void multiply_greys(const struct symmetric_fit *fit, struct image image, int kind,
+                           const int32_t *index, const float *right, const float *below,
+                           struct products *out) {
     const float *own = fit->own + (int64_t)kind * fit->padded_samples;
     const float8 *rows = (const float8 *)(fit->rows + (int64_t)kind * fit->padded_samples * COLUMNS);
     const int32_t count = fit->samples;
@@ -124,7 +136,8 @@ static void multiply_greys(const struct symmetric_fit *fit, struct image image, 
         white += sample > fit->clipped_grey ? 1.0f : 0.0f;
         const float above = own[g] * (sample - centre);
         squares += above * above;
-        for (int v = 0; v < COLUMNS / 8; v++) sums[v] += above * rows[g * (COLUMNS / 8) + v];
+        for (int v = 0; v < COLUMNS / 8; v++)
+            sums[v] += above * rows[g * (COLUMNS / 8) + v];
     }
     __builtin_memcpy(out->rows, sums, sizeof sums);
     out->squares[0][0] = squares;
@@ -144,7 +157,8 @@ static void mix_channels(const struct symmetric_fit *fit, struct products *produ
             const float *v = fit->weights + MOST_COLOURS * j;
             float sum = 0.0f;
             for (int c = 0; c < MOST_COLOURS; c++) {
-                for (int d = 0; d < MOST_COLOURS; d++) sum += w[c] * v[d] * of_colours.squares[c][d];
+                for (int d = 0; d < MOST_COLOURS; d++)
+                    sum += w[c] * v[d] * of_colours.squares[c][d];
             }
             products->squares[i][j] = sum;
         }
@@ -167,7 +181,8 @@ static struct products measure_products(const struct symmetric_fit *fit, struct 
 }
 
 /* The inverse of a symmetric matrix of 1 to 3 rows, by its cofactors. */
-static void invert(const float m[MOST_COLOURS][MOST_COLOURS], int size, float out[MOST_COLOURS][MOST_COLOURS]) {
+static void invert(const float m[MOST_COLOURS][MOST_COLOURS], int size,
+                   float out[MOST_COLOURS][MOST_COLOURS]) {
     if (size == 1) {
         out[0][0] = 1.0f / m[0][0];
     } else if (size == 2) {
@@ -184,7 +199,8 @@ static void invert(const float m[MOST_COLOURS][MOST_COLOURS], int size, float ou
         }
         const float per = 1.0f / (out[0][0] * m[0][0] + out[0][1] * m[0][1] + out[0][2] * m[0][2]);
         for (int i = 0; i < 3; i++) {
-            for (int j = 0; j < 3; j++) out[i][j] *= per;
+            for (int j = 0; j < 3; j++)
+                out[i][j] *= per;
         }
     }
 }
@@ -201,11 +217,13 @@ static struct measured measure_step(const struct symmetric_fit *fit, struct imag
     float by_profile = 0.0f, left_over = fit->least_variation * (float)channels / per_freedom;
     for (int i = 0; i < channels; i++) {
         const float *fitted = of.rows[i] + 3 * PROFILES;
-        for (int k = PLANE; k < FITTED; k++) by_profile += fitted[k] * fitted[k]; /* orthogonal to the light's */
+        for (int k = PLANE; k < FITTED; k++)
+            by_profile += fitted[k] * fitted[k]; /* orthogonal to the light's */
         for (int j = 0; j <= i; j++) {
             const float *other = of.rows[j] + 3 * PROFILES;
             float explained = 0.0f;
-            for (int k = 0; k < FITTED; k++) explained += fitted[k] * other[k];
+            for (int k = 0; k < FITTED; k++)
+                explained += fitted[k] * other[k];
             unexplained[i][j] = unexplained[j][i] = (of.squares[i][j] - explained) * per_freedom;
         }
         left_over += unexplained[i][i] / per_freedom;
@@ -216,17 +234,20 @@ static struct measured measure_step(const struct symmetric_fit *fit, struct imag
     for (int i = 0; i < channels; i++) {
         for (int p = 0; p < PROFILES; p++) {
             float weighted = 0.0f;
-            for (int j = 0; j < channels; j++) weighted += inverse[i][j] * of.rows[j][p];
+            for (int j = 0; j < channels; j++)
+                weighted += inverse[i][j] * of.rows[j][p];
             force[0] += of.rows[i][PROFILES + p] * weighted;
             force[1] += of.rows[i][2 * PROFILES + p] * weighted;
-            for (int q = 0; q < PROFILES; q++) contrast[p][q] += weighted * of.rows[i][q];
+            for (int q = 0; q < PROFILES; q++)
+                contrast[p][q] += weighted * of.rows[i][q];
         }
     }
     double gram[3] = {0, 0, 0};
     const float *motion = fit->motion_gram + (int64_t)bead * 3 * PROFILES * PROFILES;
     for (int a = 0; a < 3; a++) {
         float sum = 0.0f;
-        for (int k = 0; k < PROFILES * PROFILES; k++) sum += motion[a * PROFILES * PROFILES + k] * (&contrast[0][0])[k];
+        for (int k = 0; k < PROFILES * PROFILES; k++)
+            sum += motion[a * PROFILES * PROFILES + k] * (&contrast[0][0])[k];
         gram[a] = sum;
     }
     /* All samples alike (white, black) determine nothing: then the deviation is a thousand diameters. */
@@ -261,7 +282,8 @@ KERNEL int symmetric_fit_measure(const struct symmetric_fit *fit, const uint8_t 
             fit->sigma[i] = found.sigma;
             fit->explained[i] = found.explained;
             fit->clipped[i] = found.clipped;
-            if (!(x * x + y * y > far_squared)) break;
+            if (!(x * x + y * y > far_squared))
+                break;
         }
     }
     return 0;
