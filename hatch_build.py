@@ -21,6 +21,9 @@ except ImportError:  # compiled alone
     BuildHookInterface = object
 
 FOLDER = Path(__file__).resolve().parent / "edge" / "palpate_edge" / "kernels"
+BUILT = "built"
+"""Folder of the libraries beside their sources: Python would take them there for modules."""
+
 TARGETS = {
     "x86_64": ("-target", "x86_64-linux-none", "-mcpu=x86_64_v2"),
     "x86_64_v3": ("-target", "x86_64-linux-none", "-mcpu=x86_64_v3"),
@@ -47,17 +50,18 @@ def checksum() -> int:
 
 
 def compile_kernels() -> list[Path]:
-    """Write the libraries of all machines beside their sources and return their paths."""
+    """Write the libraries of all machines and return their paths."""
     written = []
     code = [str(path) for path in sources() if path.suffix == ".c"]
     with tempfile.TemporaryDirectory() as cache:  # nothing is left in the user's home
         environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}
         for machine, options in TARGETS.items():
-            library = FOLDER / f"{machine}.so"
+            library = FOLDER / BUILT / f"{machine}.so"
             made = Path(cache) / library.name
             command = [sys.executable, "-m", "ziglang", "cc", *options, *OPTIONS.split()]
             command += [f"-DKERNELS_CHECKSUM={checksum()}u", "-o", str(made), *code]
             subprocess.run(command, check=True, env=environment)
+            library.parent.mkdir(exist_ok=True)
             fresh = library.with_suffix(".so.new")
             fresh.write_bytes(made.read_bytes())
             fresh.replace(library)  # a process that has loaded the last one keeps it

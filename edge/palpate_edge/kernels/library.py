@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from palpate_edge.common.errors import KernelsError
 
 FOLDER = Path(__file__).parent
+BUILT = "built"
+"""Folder of the libraries beside their sources: Python would take them there for modules."""
 POINTER = ctypes.c_void_p
 CPU_FLAGS = Path("/proc/cpuinfo")
 LEVEL_3 = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe"}
@@ -64,9 +66,9 @@ def machine() -> str:
 
 @cache
 def _library() -> ctypes.PyDLL:
-    path = FOLDER / f"{machine()}.so"
+    path = FOLDER / BUILT / f"{machine()}.so"
     if not path.exists():
-        others = ", ".join(sorted(other.stem for other in FOLDER.glob("*.so"))) or "no machine"
+        others = ", ".join(sorted(other.stem for other in (FOLDER / BUILT).glob("*.so"))) or "no machine"
         raise KernelsError(
             f"palpate's compiled kernels are missing for {machine()} (they are there for {others}): "
             "install palpate again, or run python hatch_build.py in its sources"

@@ -20,31 +20,30 @@ MACHINES = {"x86_64": 62, "x86_64_v3": 62, "aarch64": 183}  # e_machine of the E
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A copy of the library and its sources, which is loaded in place of them."""
-    for path in library.FOLDER.iterdir():
-        if path.suffix in (".so", ".c", ".h"):
-            shutil.copy(path, tmp_path)
-    monkeypatch.setattr(library, "FOLDER", tmp_path)
+    folder = tmp_path / "kernels"
+    shutil.copytree(library.FOLDER, folder, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    monkeypatch.setattr(library, "FOLDER", folder)
     library._library.cache_clear()
-    yield tmp_path
+    yield folder
     library._library.cache_clear()
 
 
 @pytest.mark.parametrize("machine", MACHINES)
 def test_there_is_a_library_for_each_machine(machine):
-    header = (library.FOLDER / f"{machine}.so").read_bytes()[:64]
+    header = (library.FOLDER / library.BUILT / f"{machine}.so").read_bytes()[:64]
     assert header[:4] == b"\x7fELF"
     assert int.from_bytes(header[18:20], "little") == MACHINES[machine]
-    assert b"libc" not in (library.FOLDER / f"{machine}.so").read_bytes()
+    assert b"libc" not in (library.FOLDER / library.BUILT / f"{machine}.so").read_bytes()
 
 
 def test_the_same_sources_give_the_same_bytes(tmp_path):
     kernels = tmp_path / "edge" / "palpate_edge" / "kernels"
-    shutil.copytree(library.FOLDER, kernels, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    shutil.copytree(library.FOLDER, kernels, ignore=shutil.ignore_patterns(library.BUILT, "__pycache__"))
     shutil.copy(ROOT / "hatch_build.py", tmp_path)
     subprocess.run([sys.executable, tmp_path / "hatch_build.py"], check=True, capture_output=True)
     for machine in MACHINES:
-        made = (kernels / f"{machine}.so").read_bytes()
-        assert made == (library.FOLDER / f"{machine}.so").read_bytes()
+        made = (kernels / library.BUILT / f"{machine}.so").read_bytes()
+        assert made == (library.FOLDER / library.BUILT / f"{machine}.so").read_bytes()
 
 
 def test_a_machine_without_a_library_is_named(folder, monkeypatch):

@@ -34,7 +34,8 @@ def sanitized(tmp_path: Path) -> Path:
         shutil.copy(path, tmp_path)
     code = [path for path in sources if path.suffix == ".c"]
     checksum = f"-DKERNELS_CHECKSUM={library.checksum(library.FOLDER)}u"
-    made = tmp_path / f"{library.machine()}.so"
+    made = tmp_path / library.BUILT / f"{library.machine()}.so"
+    made.parent.mkdir()
     subprocess.run(["gcc", *OPTIONS.split(), "-Wno-psabi", checksum, "-o", made, *code], check=True)
     return tmp_path
 

@@ -16,19 +16,24 @@ from palpate_edge.geometry.sensor import Camera
 from palpate_twin.dome import dome_samples as maker
 from palpate_twin.dome.library import load_library
 
+SMALL = {
+    "SENSORS": 4,
+    "TWISTED_SENSORS": 1,
+    "PRESSES_A_SENSOR": 25,
+    "SOLID_PRESSES": 20,
+    "APEX_PRESSES": 30,
+    "UNEVEN_WALLS": 1,
+    "PRESSES_A_WALL": 10,
+}
+
 
 @pytest.fixture(scope="module")
 def small():
     """Return samples of four sensors with 25 presses each, and the reported progress."""
     steps = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(maker, "SENSORS", 4)
-        patch.setattr(maker, "TWISTED_SENSORS", 1)
-        patch.setattr(maker, "PRESSES_A_SENSOR", 25)
-        patch.setattr(maker, "SOLID_PRESSES", 20)
-        patch.setattr(maker, "APEX_PRESSES", 30)
-        patch.setattr(maker, "UNEVEN_WALLS", 1)
-        patch.setattr(maker, "PRESSES_A_WALL", 10)
+        for name, count in SMALL.items():
+            patch.setattr(maker, name, count)
         dome = maker.dome_samples(load_library(), 3, lambda *step: steps.append(step))
     return dome, steps
 
@@ -79,11 +84,12 @@ def test_the_skin_moves_most_near_the_contact(small):
 
 def test_one_seed_makes_the_same_model(small, monkeypatch):
     dome, _ = small
-    monkeypatch.setattr(maker, "SENSORS", 1)
-    monkeypatch.setattr(maker, "TWISTED_SENSORS", 1)
-    monkeypatch.setattr(maker, "PRESSES_A_SENSOR", 25)
+    for name, count in (SMALL | {"SENSORS": 1}).items():
+        monkeypatch.setattr(maker, name, count)
     again, other = (maker.dome_samples(load_library(), seed) for seed in (3, 4))
     assert (again.fields == dome.fields[: len(again.fields)]).all()
+    assert (again.twisted.fields == dome.twisted.fields).all()
+    assert (again.solid.motions == dome.solid.motions).all()
     assert not np.array_equal(again.fields, other.fields)
 
 
