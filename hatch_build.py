@@ -7,6 +7,7 @@ needs a compiler, and the same sources give the same bytes.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -51,6 +52,8 @@ def checksum() -> int:
 
 def compile_kernels() -> list[Path]:
     """Write the libraries of all machines and return their paths."""
+    if importlib.util.find_spec("ziglang") is None:
+        raise SystemExit("error: no compiler for the kernels: pip install -r requirements/kernels.lock")
     written = []
     code = [str(path) for path in sources() if path.suffix == ".c"]
     with tempfile.TemporaryDirectory() as cache:  # nothing is left in the user's home
