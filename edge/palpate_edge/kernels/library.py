@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import platform
+import os
 import zlib
 from collections.abc import Callable
 from functools import cache
@@ -57,7 +57,7 @@ def checksum(folder: Path) -> int:
 
 def machine() -> str:
     """Return the name of this machine's library: its architecture, and on x86-64 the level if it has AVX2."""
-    architecture = platform.machine()
+    architecture = os.uname().machine
     if architecture != "x86_64":
         return architecture
     flags = set(CPU_FLAGS.read_text().split()) if CPU_FLAGS.exists() else set()

@@ -47,7 +47,7 @@ def test_the_same_sources_give_the_same_bytes(tmp_path):
 
 
 def test_a_machine_without_a_library_is_named(folder, monkeypatch):
-    monkeypatch.setattr(library.platform, "machine", lambda: "riscv64")
+    monkeypatch.setattr(library, "machine", lambda: "riscv64")
     with pytest.raises(
         KernelsError, match=r"missing for riscv64 \(they are there for aarch64, x86_64, x86_64_v3\)"
     ):
