@@ -81,7 +81,7 @@ def wheelhouse(
 
 def changed_sources(folder: Path, file: str, old: str, new: str) -> Path:
     """A copy of the sources with one place changed: another release."""
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         folder.mkdir(exist_ok=True)
         shutil.copy(PROJECT / name, folder)
     for name in ("docs", "edge", "host", "requirements", "ansible", "systemd"):
