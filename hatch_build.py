@@ -65,7 +65,7 @@ def compile_kernels() -> list[Path]:
             command += [f"-DKERNELS_CHECKSUM={checksum()}u", "-o", str(made), *code]
             subprocess.run(command, check=True, env=environment)
             library.parent.mkdir(exist_ok=True)
-            fresh = library.with_suffix(".so.new")
+            fresh = library.with_suffix(f".{os.getpid()}")  # tests and an installation may build at once
             fresh.write_bytes(made.read_bytes())
             fresh.replace(library)  # a process that has loaded the last one keeps it
             written.append(library)

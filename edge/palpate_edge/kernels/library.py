@@ -42,9 +42,8 @@ def address(array: NDArray[Any], dtype: type[np.generic]) -> int:
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise TypeError(f"a kernel was given {array.dtype} where it needs contiguous {dtype.__name__}")
     if array.size and array.flags.writeable:
-        buffer: Any = (
-            array  # typeshed knows no array as a buffer; this takes a quarter of the time of the last line
-        )
+        # A quarter of the time of the last line. In Python 3.11 an array is no buffer to a type checker.
+        buffer: Any = array
         return ctypes.addressof(ctypes.c_char.from_buffer(buffer))
     return array.ctypes.data
 
@@ -75,7 +74,12 @@ def _library() -> ctypes.PyDLL:
         )
     # A kernel takes a fraction of a millisecond: for that no other thread gets the interpreter, from which it
     # might come back only 5 ms later.
-    library = ctypes.PyDLL(str(path))
+    try:
+        library = ctypes.PyDLL(str(path))
+    except OSError as error:
+        raise KernelsError(
+            f"palpate's compiled kernels cannot be loaded ({error}): palpate needs a 64-bit Python, on Linux"
+        ) from None
     library.kernels_checksum.restype = ctypes.c_uint32
     if library.kernels_checksum() != checksum(FOLDER):
         raise KernelsError(

@@ -54,6 +54,13 @@ def test_a_machine_without_a_library_is_named(folder, monkeypatch):
         library.kernel("kernels_checksum")
 
 
+def test_a_library_of_another_kind_is_refused(folder):
+    """As for a Python of 32 bits on a kernel of 64."""
+    (folder / library.BUILT / f"{library.machine()}.so").write_bytes(b"\x7fELF\x01" + bytes(60))
+    with pytest.raises(KernelsError, match="needs a 64-bit Python"):
+        library.kernel("kernels_checksum")
+
+
 def test_a_library_of_other_sources_is_refused(folder):
     source = folder / "library.c"
     source.write_text(source.read_text() + "\n/* changed */\n")
