@@ -3,7 +3,7 @@
 #include "small_matrices.h"
 
 struct blind_spot {
-    int32_t beads, unused;
+    int32_t beads;
     double bead_noise;
     const double *inverse;   /* (beads, beads): of the covariance with the beads' noise, symmetric */
     const uint8_t *found;    /* (beads,) */

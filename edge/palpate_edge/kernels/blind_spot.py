@@ -7,12 +7,12 @@ import ctypes
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Mask
-from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.library import POINTER, address, addresses, kernel
 
 
 class _BlindSpot(ctypes.Structure):
     _fields_ = [
-        *((name, ctypes.c_int32) for name in ("beads", "unused")),
+        ("beads", ctypes.c_int32),
         ("bead_noise", ctypes.c_double),
         *((name, POINTER) for name in ("inverse", "found", "noise", "some", "matrix", "row", "variance")),
     ]
@@ -39,12 +39,11 @@ class BlindSpotKernel:
         self._doubles = doubles
         struct = _BlindSpot(
             count,
-            0,
             bead_noise,
             found=address(self._found, np.bool_),
             noise=address(self._noise, np.float32),
             some=address(self._some, np.int32),
-            **{name: address(array, np.float64) for name, array in doubles.items()},
+            **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._largest = kernel("blind_spot", POINTER)

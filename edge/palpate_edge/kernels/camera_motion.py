@@ -7,7 +7,7 @@ import ctypes
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Mask
-from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.library import POINTER, address, addresses, kernel
 from palpate_edge.kernels.padding import padded_length, padded_rows
 
 MOTIONS = 6
@@ -64,8 +64,8 @@ class CameraMotionKernel:
             beads,
             padded,
             found=address(self._found, np.bool_),
-            **{name: address(array, np.float32) for name, array in singles.items()},
-            **{name: address(array, np.float64) for name, array in doubles.items()},
+            **addresses(singles, np.float32),
+            **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._split = kernel("camera_motion", POINTER)

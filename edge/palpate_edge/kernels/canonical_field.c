@@ -3,7 +3,7 @@
 #include "exponential.h"
 
 struct canonical_field {
-    int32_t beads, padded_beads, directions, unused;
+    int32_t beads, padded_beads, directions;
     double bead_noise;
     const float *scaled;     /* (directions, 3): times sqrt(3) over the length of the covariance */
     const float *tangents;   /* (2, directions, 3): meridional and azimuthal */

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.library import POINTER, addresses, kernel
 from palpate_edge.kernels.padding import padded_length, padded_rows
 
 _POINTERS = (
@@ -31,7 +31,7 @@ _POINTERS = (
 
 class _CanonicalField(ctypes.Structure):
     _fields_ = [
-        *((name, ctypes.c_int32) for name in ("beads", "padded_beads", "directions", "unused")),
+        *((name, ctypes.c_int32) for name in ("beads", "padded_beads", "directions")),
         ("bead_noise", ctypes.c_double),
         *((name, POINTER) for name in _POINTERS),
     ]
@@ -87,10 +87,9 @@ class CanonicalFieldKernel:
             beads,
             padded,
             count,
-            0,
             bead_noise,
-            **{name: address(array, np.float32) for name, array in singles.items()},
-            **{name: address(array, np.float64) for name, array in doubles.items()},
+            **addresses(singles, np.float32),
+            **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._covariance_at = kernel("canonical_kernel", POINTER, ctypes.c_double, ctypes.c_double)

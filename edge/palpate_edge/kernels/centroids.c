@@ -7,7 +7,7 @@
 enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS, AT_ONCE = 8 };
 
 struct centroid_finder {
-    int32_t beads, side, reach, stride; /* of the windows; stride: side, up to a multiple of AT_ONCE */
+    int32_t side, reach, stride; /* of the windows; stride: side, up to a multiple of AT_ONCE */
     int32_t per_bead;                   /* whether each bead has weights of its own */
     int32_t is_shaded;                    /* by a light: then `unlit` and `slope` count */
     float gate, unlit, darkest_skin;

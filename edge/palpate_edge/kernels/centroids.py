@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
+from palpate_edge.kernels.chosen_beads import ChosenBeads
 from palpate_edge.kernels.library import POINTER, address, kernel
 
 AT_ONCE = 8  # pixels of a row that the kernel weights together
@@ -58,7 +59,7 @@ class Found(NamedTuple):
 
 class _Finder(ctypes.Structure):
     _fields_ = (
-        *((name, c_int32) for name in ("beads", "side", "reach", "stride", "per_bead", "is_shaded")),
+        *((name, c_int32) for name in ("side", "reach", "stride", "per_bead", "is_shaded")),
         *((name, c_float) for name in ("gate", "unlit", "darkest_skin")),
         ("max_step", c_double),
         *((name, POINTER) for name in (*WindowShapes._fields[1:], "window")),
@@ -76,14 +77,14 @@ class CentroidFinder:
         added[:, :, :side] = shapes.added.reshape(-1, side, side)
         given = shapes._replace(added=added)[1:]
         types = (np.int32, np.float32, np.float32, np.float32, np.float64, np.float32, np.float64)
-        self._which, self._start = np.arange(count, dtype=np.int32), np.zeros((count, 2))
+        self._chosen, self._start = ChosenBeads(count), np.zeros((count, 2))
         self._min_contrast, *floats = np.zeros((4, count), np.float32)
         flags, windows = np.zeros(count, np.bool_), np.zeros(count, np.int32)
         self._found = Found(np.zeros((count, 2)), floats[0], floats[1], floats[2], flags, windows)
         self._arrays = (  # in the order of the structure; kept as long as the finder is used
             *(np.ascontiguousarray(array, kind) for array, kind in zip(given, types, strict=True)),
             np.zeros((side, stride), np.float32),
-            self._which,
+            self._chosen.which,
             self._start,
             self._min_contrast,
             *self._found,
@@ -92,9 +93,8 @@ class CentroidFinder:
         per_bead, is_shaded = len(shapes.added) > 1, limits.unlit is not None
         numbers = limits.gate, limits.unlit or 0.0, limits.darkest_skin, limits.max_step
         self._finder = ctypes.byref(
-            _Finder(count, side, shapes.reach, stride, per_bead, is_shaded, *numbers, *addresses)
+            _Finder(side, shapes.reach, stride, per_bead, is_shaded, *numbers, *addresses)
         )
-        self._all = self._which.copy()
         self._find = kernel("find_centroids", POINTER, POINTER, *[c_int32] * 6, c_double)
         self.load(np.zeros((1, 1), np.float32))
 
@@ -123,13 +123,7 @@ class CentroidFinder:
         Where more than `max_faint` starts show less than min_contrast, one or (m,), all stay where they are.
         Raises ValueError for beads that the layout does not have, or places of another number of beads.
         """
-        which = self._all if beads is None else beads
-        count = len(which)
-        if start.shape != (count, 2) or count > len(self._all):
-            raise ValueError(f"{count} beads were given with places of shape {start.shape}")
-        if beads is not None and count and not 0 <= which.min() <= which.max() < len(self._all):
-            raise ValueError(f"a bead is not among the {len(self._all)} of the layout")
-        self._which[:count] = which
+        count = self._chosen.choose(beads, start)
         self._start[:count] = start
         self._min_contrast[:count] = min_contrast
         limit = count if max_faint is None else max_faint

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Floats
-from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.library import POINTER, addresses, kernel
 from palpate_edge.kernels.padding import BLOCK, padded_length, padded_rows
 
 COLUMNS = 6
@@ -152,8 +152,8 @@ class ContactFitKernel:
             padded_skin,
             padded_length(fields),
             *settings,
-            **{name: address(array, np.float32) for name, array in singles.items()},
-            **{name: address(array, np.float64) for name, array in doubles.items()},
+            **addresses(singles, np.float32),
+            **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._fit = kernel("contact_fit", POINTER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,11 @@ def address(array: NDArray[Any], dtype: type[np.generic]) -> int:
         buffer: Any = array
         return ctypes.addressof(ctypes.c_char.from_buffer(buffer))
     return array.ctypes.data
+
+
+def addresses(arrays: Mapping[str, NDArray[Any]], dtype: type[np.generic]) -> dict[str, int]:
+    """Return the address of each array, all of one type, by the name of its field in a structure."""
+    return {name: address(array, dtype) for name, array in arrays.items()}
 
 
 def checksum(folder: Path) -> int:

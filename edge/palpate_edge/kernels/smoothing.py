@@ -7,7 +7,7 @@ import ctypes
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.kernels.library import POINTER, address, kernel
+from palpate_edge.kernels.library import POINTER, address, addresses, kernel
 
 _POINTERS = (
     "field",
@@ -71,7 +71,7 @@ class SmoothingKernel:
             remainder,
             least_signal,
             inexact=address(self._inexact, np.int32),
-            **{name: address(array, np.float64) for name, array in self._arrays.items()},
+            **addresses(self._arrays, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._smooth = kernel("smoothing", POINTER, ctypes.c_double, ctypes.c_int32)

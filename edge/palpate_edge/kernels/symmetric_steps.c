@@ -17,7 +17,7 @@ enum {
 static const double LEAST_DETERMINANT = 1e-12, LEAST_TRACE = 1e-6;
 
 struct symmetric_fit {
-    int32_t beads, samples, padded_samples; /* of the arrays; samples are padded to a multiple of 4 */
+    int32_t samples, padded_samples; /* of the arrays; samples are padded to a multiple of 4 */
     int32_t channels;                       /* that are fitted */
     int32_t rounds;
     float noise, least_variation, clipped_grey, clipped_sigma, clipped_share, max_step, far_step;

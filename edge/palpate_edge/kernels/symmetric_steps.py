@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask
+from palpate_edge.kernels.chosen_beads import ChosenBeads
 from palpate_edge.kernels.library import POINTER, address, kernel
 
 COLUMNS = 24  # of a row of the least squares; the kernel reads the unused ones as 0
@@ -58,7 +59,7 @@ class Centres(NamedTuple):
 
 class _Fit(ctypes.Structure):
     _fields_ = (
-        *((name, c_int32) for name in ("beads", "samples", "padded_samples", "channels", "rounds")),
+        *((name, c_int32) for name in ("samples", "padded_samples", "channels", "rounds")),
         *((name, c_float) for name in SymmetricLimits._fields[1:]),
         *((name, POINTER) for name in SymmetricMatrices._fields),
         *((name, POINTER) for name in ("which", *Centres._fields)),
@@ -80,7 +81,7 @@ class SymmetricSteps:
         grid[:, :samples] = matrices.grid.T
         own[:, :samples] = matrices.own
         rows[:, :samples, :columns] = matrices.rows
-        self._which = np.arange(count, dtype=np.int32)
+        self._chosen = ChosenBeads(count)
         self._centres = Centres(np.zeros((count, 2)), np.zeros(count), *np.zeros((2, count), np.float32))
         self._arrays = (  # in the order of the structure; kept as long as the fit is used
             grid,
@@ -91,12 +92,11 @@ class SymmetricSteps:
             rows,
             np.asarray(matrices.per_freedom, np.float32),
             np.ascontiguousarray(matrices.motion_gram, np.float32),
-            self._which,
+            self._chosen.which,
             *self._centres,
         )
         addresses = (address(array, array.dtype.type) for array in self._arrays)
-        self._fit = ctypes.byref(_Fit(count, samples, padded, self._channels, *limits, *addresses))
-        self._all = self._which.copy()
+        self._fit = ctypes.byref(_Fit(samples, padded, self._channels, *limits, *addresses))
         self._measure = kernel("symmetric_fit_measure", POINTER, POINTER, *[c_int32] * 4)
         self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX, COLOURS), np.uint8))
 
@@ -119,13 +119,7 @@ class SymmetricSteps:
 
         Raises ValueError for beads that the layout does not have, or places of another number of beads.
         """
-        which = self._all if beads is None else beads
-        count = len(which)
-        if start_px.shape != (count, 2) or count > len(self._all):
-            raise ValueError(f"{count} beads were given with places of shape {start_px.shape}")
-        if beads is not None and count and not 0 <= which.min() <= which.max() < len(self._all):
-            raise ValueError(f"a bead is not among the {len(self._all)} of the layout")
-        self._which[:count] = which
+        count = self._chosen.choose(beads, start_px)
         self._centres.position_px[:count] = start_px
         self._measure(self._fit, *self._shape, count)
         position_px, sigma, explained, clipped = self._centres
