@@ -2,43 +2,13 @@
  *
  * Pixels beyond the plane's edge repeat those at it. All places are in binned pixels. */
 
-#include "kernels.h"
+#include "centroids.h"
 
 enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS, AT_ONCE = 8 };
-
-struct centroid_finder {
-    int32_t side, reach, stride; /* of the windows; stride: side, up to a multiple of AT_ONCE */
-    int32_t per_bead;                   /* whether each bead has weights of its own */
-    int32_t is_shaded;                    /* by a light: then `unlit` and `slope` count */
-    float gate, unlit, darkest_skin;
-    double max_step;           /* bead diameters */
-    const int32_t *circles; /* (beads, CIRCLE, 2), column and row from the centre: of the skin, of the core */
-    const float *ranks; /* (2, SKIN_PIXELS): weights of the skin's sorted pixels in its grey, its variation */
-    const float *added; /* (beads or 1, side, stride), to the weights of a window's pixels */
-    const float *slope; /* (beads, 2), of the skin's grey over the contrast */
-    const double *slope_shift; /* (beads, 2), which the slope adds to the centroid */
-    const float *half_area; /* (beads) */
-    const double *diameter; /* (beads) */
-    float *window; /* (side, stride), memory to work in; 0 beyond the side */
-    const int32_t *which; /* (beads), the beads that are looked for, where, and what is found: */
-    const double *start; /* (beads, 2) */
-    const float *min_contrast; /* (beads) */
-    double *place; /* (beads, 2) */
-    float *contrast, *area, *unevenness;
-    uint8_t *converged;
-    int32_t *windows;
-};
-
-struct plane {
-    const void *pixels;
-    int32_t is_bytes, height, width;
-};
 
 struct levels {
     float skin, contrast, scale, unevenness;
 };
-
-static int32_t limited(int32_t value, int32_t high) { return value < 0 ? 0 : value > high ? high : value; }
 
 static float pixel(struct plane plane, int32_t column, int32_t row) {
     const int64_t index =
@@ -150,21 +120,25 @@ static void measure_window(const struct centroid_finder *finder, struct plane pl
     *area = mass / finder->half_area[bead];
 }
 
-/* The nearest place inside the plane; NaN becomes its corner. */
-static void move_inside(struct plane plane, double place[2], int32_t centre[2]) {
+/* The nearest place inside the plane, whose pixels are made; NaN becomes the plane's corner. */
+static void move_inside(const struct centroid_finder *finder, double place[2], int32_t centre[2]) {
+    const struct plane plane = finder->plane;
+    const int32_t reach = finder->pixels_reach;
     const double high[2] = {plane.width - 1.0, plane.height - 1.0};
     for (int a = 0; a < 2; a++) {
         place[a] = place[a] > 0.0 ? (place[a] < high[a] ? place[a] : high[a]) : 0.0;
         centre[a] = (int32_t)__builtin_rint(place[a]);
     }
+    if (plane.source)
+        make_pixels(plane.source, centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach);
 }
 
 static double clipped(double value, double limit) {
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
-static void find_centroid(const struct centroid_finder *finder, struct plane plane, int i, int max_steps,
-                          double converged_step) {
+static void find_centroid(const struct centroid_finder *finder, int i, int max_steps, double converged_step) {
+    const struct plane plane = finder->plane;
     const int bead = finder->which[i];
     const double *start = finder->start + 2 * i;
     const double diameter = finder->diameter[bead];
@@ -179,7 +153,7 @@ static void find_centroid(const struct centroid_finder *finder, struct plane pla
             for (int a = 0; a < 2; a++)
                 place[a] += clipped(step[a], limit);
         }
-        move_inside(plane, place, centre);
+        move_inside(finder, place, centre);
         const struct levels levels = measure_levels(finder, plane, bead, centre);
         measure_window(finder, plane, bead, centre, levels, offset, &finder->area[i]);
         finder->windows[i]++;
@@ -203,13 +177,13 @@ static void find_centroid(const struct centroid_finder *finder, struct plane pla
 }
 
 /* How many starts show a contrast below `min_contrast`; contrasts and unevenness are kept. */
-static int count_faint(const struct centroid_finder *finder, struct plane plane, int count) {
+static int count_faint(const struct centroid_finder *finder, int count) {
     int faint = 0;
     for (int i = 0; i < count; i++) {
         double place[2] = {finder->start[2 * i], finder->start[2 * i + 1]};
         int32_t centre[2];
-        move_inside(plane, place, centre);
-        const struct levels levels = measure_levels(finder, plane, finder->which[i], centre);
+        move_inside(finder, place, centre);
+        const struct levels levels = measure_levels(finder, finder->plane, finder->which[i], centre);
         finder->contrast[i] = levels.contrast;
         finder->unevenness[i] = levels.unevenness;
         faint += !(levels.contrast >= finder->min_contrast[i]);
@@ -219,14 +193,14 @@ static int count_faint(const struct centroid_finder *finder, struct plane plane,
 
 /* Find the centroids of the first `count` beads of `which`. Where more than `max_faint` starts are faint, all
  * stay where they are. */
-KERNEL int find_centroids(const struct centroid_finder *finder, const void *pixels, int32_t is_bytes,
-                          int32_t height, int32_t width, int32_t count, int32_t max_steps, int32_t max_faint,
-                          double converged_step) {
-    const struct plane plane = {pixels, is_bytes, height, width};
-    const int stays = max_faint < count && count_faint(finder, plane, count) > max_faint;
+KERNEL int find_centroids(const struct centroid_finder *finder, int32_t count, int32_t max_steps,
+                          int32_t max_faint, double converged_step) {
+    if (finder->plane.source)
+        make_about(finder->plane.source, finder->start, count, finder->pixels_reach + 1);
+    const int stays = max_faint < count && count_faint(finder, count) > max_faint;
     for (int i = 0; i < count; i++) {
         if (!stays) {
-            find_centroid(finder, plane, i, max_steps, converged_step);
+            find_centroid(finder, i, max_steps, converged_step);
             continue;
         }
         finder->place[2 * i] = finder->start[2 * i];

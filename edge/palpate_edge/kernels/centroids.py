@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
 from palpate_edge.kernels.chosen_beads import ChosenBeads
+from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.kernels.library import POINTER, address, kernel
 
 AT_ONCE = 8  # pixels of a row that the kernel weights together
@@ -57,9 +58,17 @@ class Found(NamedTuple):
     windows: Counts
 
 
+class _Plane(ctypes.Structure):
+    _fields_ = (
+        *((name, POINTER) for name in ("source", "pixels")),
+        *((name, c_int32) for name in ("is_bytes", "height", "width")),
+    )
+
+
 class _Finder(ctypes.Structure):
     _fields_ = (
-        *((name, c_int32) for name in ("side", "reach", "stride", "per_bead", "is_shaded")),
+        ("plane", _Plane),
+        *((name, c_int32) for name in ("side", "reach", "stride", "per_bead", "is_shaded", "pixels_reach")),
         *((name, c_float) for name in ("gate", "unlit", "darkest_skin")),
         ("max_step", c_double),
         *((name, POINTER) for name in (*WindowShapes._fields[1:], "window")),
@@ -68,7 +77,10 @@ class _Finder(ctypes.Structure):
 
 
 class CentroidFinder:
-    """Finds the centroids of one layout's beads in a stream of planes."""
+    """Finds the centroids of one layout's beads in a stream of planes.
+
+    struct: the finder for other kernels, as long as this object is kept.
+    """
 
     def __init__(self, shapes: WindowShapes, limits: WindowLimits) -> None:
         count, side = len(shapes.diameter), 2 * shapes.reach + 1
@@ -92,10 +104,12 @@ class CentroidFinder:
         addresses = (address(array, array.dtype.type) for array in self._arrays)
         per_bead, is_shaded = len(shapes.added) > 1, limits.unlit is not None
         numbers = limits.gate, limits.unlit or 0.0, limits.darkest_skin, limits.max_step
-        self._finder = ctypes.byref(
-            _Finder(side, shapes.reach, stride, per_bead, is_shaded, *numbers, *addresses)
+        pixels_reach = max(shapes.reach, int(np.abs(shapes.circles).max()))
+        self.struct = _Finder(
+            _Plane(), side, shapes.reach, stride, per_bead, is_shaded, pixels_reach, *numbers, *addresses
         )
-        self._find = kernel("find_centroids", POINTER, POINTER, *[c_int32] * 6, c_double)
+        self._finder = ctypes.byref(self.struct)
+        self._find = kernel("find_centroids", POINTER, *[c_int32] * 3, c_double)
         self.load(np.zeros((1, 1), np.float32))
 
     def load(self, plane: Plane) -> None:
@@ -107,7 +121,15 @@ class CentroidFinder:
             raise ValueError(f"a plane of shape {plane.shape} shows no bead")
         is_bytes = plane.dtype == np.uint8
         self._plane = np.ascontiguousarray(plane, np.uint8 if is_bytes else np.float32)
-        self._shape = address(self._plane, self._plane.dtype.type), is_bytes, *plane.shape
+        pixels = address(self._plane, self._plane.dtype.type)
+        self.struct.plane = _Plane(None, pixels, is_bytes, *plane.shape)
+
+    def load_halved(self, image: HalvedImage) -> None:
+        """Take the plane of an image at half the resolution, whose pixels are made as they are read."""
+        self._plane = image.plane
+        pixels = address(self._plane, self._plane.dtype.type)
+        is_bytes = self._plane.dtype == np.uint8
+        self.struct.plane = _Plane(image.address, pixels, is_bytes, *self._plane.shape)
 
     def find(
         self,
@@ -127,5 +149,5 @@ class CentroidFinder:
         self._start[:count] = start
         self._min_contrast[:count] = min_contrast
         limit = count if max_faint is None else max_faint
-        self._find(self._finder, *self._shape, count, max_steps, limit, converged_step)
+        self._find(self._finder, count, max_steps, limit, converged_step)
         return Found(*[values[:count].copy() for values in self._found])  # type: ignore[arg-type]

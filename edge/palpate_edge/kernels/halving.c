@@ -1,12 +1,12 @@
 /* Colour images at half the resolution, and one channel of them: vision/binning.py. */
 
-#include "kernels.h"
+#include "halving.h"
 
 typedef uint8_t byte16 __attribute__((vector_size(16)));
 typedef uint16_t short16 __attribute__((vector_size(32)));
 
-enum { COLOURS = 3, AT_ONCE = 4 }; /* pixels that are made of 24 bytes of two rows */
-enum { AHEAD = 2048 }; /* bytes that are asked for early: a camera's image lies in memory, not in a cache */
+enum { AT_ONCE = 4 }; /* pixels that are made of 24 bytes of two rows */
+enum { BLOCK = 8 };   /* columns that are made together */
 
 static byte16 load_16(const uint8_t *bytes) {
     byte16 some;
@@ -63,23 +63,92 @@ static void halve_four(const uint8_t *upper, const uint8_t *lower, const float w
     __builtin_memcpy(plane, &sum, sizeof sum);
 }
 
-/* small (height / 2, width / 2, 3): means of two by two pixels of an image (height, width, 3), whose rows are
- * `stride` bytes apart; plane (height / 2, width / 2): its colours B, G, R times `weights`, added. */
-KERNEL int halve_colours(const uint8_t *image, int64_t stride, int32_t height, int32_t width, float blue,
-                         float green, float red, uint8_t *small, float *plane) {
-    const float weights[COLOURS] = {blue, green, red};
-    const int half = width / 2;
-    for (int row = 0; row < height / 2; row++) {
-        const uint8_t *upper = image + 2 * row * stride, *lower = upper + stride;
-        uint8_t *pixels = small + (int64_t)row * half * COLOURS;
-        float *values = plane + (int64_t)row * half;
-        int x = 0;
-        for (; x + AT_ONCE <= half; x += AT_ONCE) {
-            __builtin_prefetch(lower + 6 * x + AHEAD);
-            halve_four(upper + 6 * x, lower + 6 * x, weights, pixels + 3 * x, values + x);
-        }
-        for (; x < half; x++)
-            halve_pixel(upper + 6 * x, lower + 6 * x, weights, pixels + 3 * x, values + x);
+/* A row's pixels from one column to before another; the next row is asked for, since a camera's image lies in
+ * memory, not in a cache. */
+static void halve_colours(const struct halving *p, int32_t row, int32_t from, int32_t to) {
+    const uint8_t *upper = p->image + 2 * row * p->stride, *lower = upper + p->stride;
+    uint8_t *small = p->small + (int64_t)row * p->width * COLOURS;
+    float *plane = p->plane + (int64_t)row * p->width;
+    const int64_t next = row + 1 < p->height ? 2 * p->stride : 0;
+    int32_t x = from;
+    for (; x + AT_ONCE <= to; x += AT_ONCE) {
+        __builtin_prefetch(upper + next + 6 * x);
+        __builtin_prefetch(lower + next + 6 * x);
+        halve_four(upper + 6 * x, lower + 6 * x, p->weights, small + 3 * x, plane + x);
     }
+    for (; x < to; x++)
+        halve_pixel(upper + 6 * x, lower + 6 * x, p->weights, small + 3 * x, plane + x);
+}
+
+static void halve_grey(const struct halving *p, int32_t row, int32_t from, int32_t to) {
+    const uint8_t *upper = p->image + 2 * row * p->stride, *lower = upper + p->stride;
+    uint8_t *small = p->small + (int64_t)row * p->width;
+    for (int32_t x = from; x < to; x++)
+        small[x] = (uint8_t)((upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1] + 2) >> 2);
+}
+
+static void halve(const struct halving *p, int32_t row, int32_t from, int32_t to) {
+    if (p->colours == COLOURS)
+        halve_colours(p, row, from, to);
+    else
+        halve_grey(p, row, from, to);
+}
+
+/* Make a row's pixels from one column to before another, and those between them and the ones that are made. */
+void make_row(const struct halving *p, int32_t row, int32_t from, int32_t to) {
+    from -= from % BLOCK;
+    to += BLOCK - 1 - (to + BLOCK - 1) % BLOCK;
+    to = to < p->width ? to : p->width;
+    if (p->from[row] >= p->to[row]) {
+        halve(p, row, from, to);
+        p->from[row] = from;
+        p->to[row] = to;
+        return;
+    }
+    if (from < p->from[row]) {
+        halve(p, row, from, p->from[row]);
+        p->from[row] = from;
+    }
+    if (to > p->to[row]) {
+        halve(p, row, p->to[row], to);
+        p->to[row] = to;
+    }
+}
+
+/* Make the pixels within `reach` of places (count, 2), row by row: that is faster than place by place. */
+void make_about(const struct halving *p, const double *place, int32_t count, int32_t reach) {
+    for (int32_t row = 0; row < p->height; row++) {
+        p->first[row] = p->width;
+        p->last[row] = 0;
+    }
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t x = (int32_t)within((float)place[2 * i], 0.0f, (float)(p->width - 1));
+        const int32_t y = (int32_t)within((float)place[2 * i + 1], 0.0f, (float)(p->height - 1));
+        const int32_t left = limited(x - reach, p->width - 1), right = limited(x + reach, p->width - 1);
+        const int32_t bottom = limited(y + reach, p->height - 1);
+        for (int32_t row = limited(y - reach, p->height - 1); row <= bottom; row++) {
+            p->first[row] = left < p->first[row] ? left : p->first[row];
+            p->last[row] = right > p->last[row] ? right : p->last[row];
+        }
+    }
+    for (int32_t row = 0; row < p->height; row++) {
+        if (p->first[row] <= p->last[row])
+            make_row(p, row, p->first[row], p->last[row] + 1);
+    }
+}
+
+/* Begin with an image: no pixel is made. */
+KERNEL int halving_begin(const struct halving *p) {
+    for (int32_t row = 0; row < p->height; row++) {
+        p->from[row] = p->width;
+        p->to[row] = 0;
+    }
+    return 0;
+}
+
+/* Make all that is missing. */
+KERNEL int halving_complete(const struct halving *p) {
+    for (int32_t row = 0; row < p->height; row++)
+        make_row(p, row, 0, p->width);
     return 0;
 }

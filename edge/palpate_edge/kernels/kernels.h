@@ -23,4 +23,10 @@ static inline float within(float value, float low, float high) {
     return value > low ? smaller(value, high) : low;
 }
 
+/* Of two places (x, y). */
+static inline double squared_between(const double *a, const double *b) {
+    const double x = a[0] - b[0], y = a[1] - b[1];
+    return x * x + y * y;
+}
+
 #endif

@@ -16,15 +16,11 @@ struct labels {
     uint8_t *kept;                /* (n) result */
 };
 
-static inline double squared_step(const double *a_px, const double *b_px, int32_t bead) {
-    double x = a_px[2 * bead] - b_px[2 * bead], y = a_px[2 * bead + 1] - b_px[2 * bead + 1];
-    return x * x + y * y;
-}
-
 /* Return whether a found bead moved farther since the last frame than its limit. */
 KERNEL int labels_have_jumped(const struct labels *p) {
     for (int32_t bead = 0; bead < p->beads; bead++)
-        if (p->found[bead] && squared_step(p->position_px, p->last_px, bead) > p->jump_squared[bead])
+        if (p->found[bead] &&
+            squared_between(p->position_px + 2 * bead, p->last_px + 2 * bead) > p->jump_squared[bead])
             return 1;
     return 0;
 }
@@ -34,7 +30,8 @@ KERNEL int labels_have_jumped(const struct labels *p) {
 KERNEL int labels_drop_doubles(const struct labels *p) {
     int may_meet = 0;
     for (int32_t bead = 0; bead < p->beads; bead++)
-        may_meet |= !(squared_step(p->position_px, p->reference_px, bead) < p->min_overlap_squared);
+        may_meet |= !(squared_between(p->position_px + 2 * bead, p->reference_px + 2 * bead) <
+                      p->min_overlap_squared);
     if (!may_meet)
         return 0;
     for (int32_t bead = 0; bead < p->beads; bead++)
@@ -45,8 +42,9 @@ KERNEL int labels_drop_doubles(const struct labels *p) {
         float y = (float)p->position_px[2 * first + 1] - (float)p->position_px[2 * other + 1];
         if (!(x * x + y * y < p->overlap_squared[pair]) || !p->found[first] || !p->found[other])
             continue;
-        double step = squared_step(p->position_px, p->last_px, first);
-        p->kept[step > squared_step(p->position_px, p->last_px, other) ? first : other] = 0;
+        double step = squared_between(p->position_px + 2 * first, p->last_px + 2 * first);
+        p->kept[step > squared_between(p->position_px + 2 * other, p->last_px + 2 * other) ? first : other] =
+            0;
     }
     return 1;
 }

@@ -3,7 +3,7 @@
  * A bead's samples are read once, as numbers above those at its centre: the fit has a constant, and
  * sums of small numbers are more exact. Rows of the least squares have COLUMNS numbers, the last one 0. */
 
-#include "kernels.h"
+#include "symmetric_steps.h"
 
 enum {
     PROFILES = 5,
@@ -16,29 +16,6 @@ enum {
 
 static const double LEAST_DETERMINANT = 1e-12, LEAST_TRACE = 1e-6;
 
-struct symmetric_fit {
-    int32_t samples, padded_samples; /* of the arrays; samples are padded to a multiple of 4 */
-    int32_t channels;                       /* that are fitted */
-    int32_t rounds;
-    float noise, least_variation, clipped_grey, clipped_sigma, clipped_share, max_step, far_step;
-    const float *grid;        /* (2, padded_samples), bead diameters */
-    const float *diameter;    /* (beads), pixels of the image that is read */
-    const float *weights;     /* (channels, 3) of B, G, R; not read for grey images */
-    const int32_t *kind;      /* (beads), of the rows and the samples that are a bead's own */
-    const float *own;         /* (kinds, padded_samples), 1 or 0 */
-    const float *rows;        /* (kinds, padded_samples, COLUMNS) */
-    const float *per_freedom; /* (beads) */
-    const float *motion_gram; /* (beads, 3, PROFILES, PROFILES), for xx, xy and yy */
-    const int32_t *which;     /* (beads), the beads that are measured, and what is known of them: */
-    double *centre, *sigma;   /* (beads, 2), before and after; (beads) */
-    float *explained, *clipped; /* (beads) */
-};
-
-struct image {
-    const uint8_t *pixels;
-    int32_t height, width, colours; /* 1 or 3 */
-};
-
 struct measured {
     double step[2], sigma;
     float explained, clipped;
@@ -49,6 +26,12 @@ static void place_samples(const struct symmetric_fit *fit, struct image image, c
                           float diameter, int32_t *index, float *right, float *below) {
     const float high_x = (float)(image.width - 1), high_y = (float)(image.height - 1);
     const float x = (float)centre[0], y = (float)centre[1];
+    if (image.source) {
+        const float reach = diameter * fit->reach + 1.0f;
+        make_pixels(image.source, (int32_t)within(x - reach, 0.0f, high_x),
+                    (int32_t)within(y - reach, 0.0f, high_y), (int32_t)within(x + reach, 0.0f, high_x),
+                    (int32_t)within(y + reach, 0.0f, high_y));
+    }
     for (int g = 0; g < fit->padded_samples; g++) {
         const float column = within(x + diameter * fit->grid[g], 0.0f, high_x);
         const float row = within(y + diameter * fit->grid[fit->padded_samples + g], 0.0f, high_y);
@@ -267,9 +250,8 @@ static struct measured measure_step(const struct symmetric_fit *fit, struct imag
 }
 
 /* Move the centres of the first `count` beads of `which` in at most `rounds` steps to those of symmetry. */
-KERNEL int symmetric_fit_measure(const struct symmetric_fit *fit, const uint8_t *pixels, int32_t height,
-                                 int32_t width, int32_t colours, int32_t count) {
-    const struct image image = {pixels, height, width, colours};
+KERNEL int symmetric_fit_measure(const struct symmetric_fit *fit, int32_t count) {
+    const struct image image = fit->image;
     const double far_squared = (double)fit->far_step * fit->far_step;
     for (int i = 0; i < count; i++) {
         const int bead = fit->which[i];

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image, Indices, Mask
 from palpate_edge.kernels.chosen_beads import ChosenBeads
+from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.kernels.library import POINTER, address, kernel
 
 COLUMNS = 24  # of a row of the least squares; the kernel reads the unused ones as 0
@@ -57,10 +58,18 @@ class Centres(NamedTuple):
     clipped: Floats
 
 
+class _Image(ctypes.Structure):
+    _fields_ = (
+        *((name, POINTER) for name in ("source", "pixels")),
+        *((name, c_int32) for name in ("height", "width", "colours")),
+    )
+
+
 class _Fit(ctypes.Structure):
     _fields_ = (
+        ("image", _Image),
         *((name, c_int32) for name in ("samples", "padded_samples", "channels", "rounds")),
-        *((name, c_float) for name in SymmetricLimits._fields[1:]),
+        *((name, c_float) for name in (*SymmetricLimits._fields[1:], "reach")),
         *((name, POINTER) for name in SymmetricMatrices._fields),
         *((name, POINTER) for name in ("which", *Centres._fields)),
     )
@@ -96,8 +105,10 @@ class SymmetricSteps:
             *self._centres,
         )
         addresses = (address(array, array.dtype.type) for array in self._arrays)
-        self._fit = ctypes.byref(_Fit(samples, padded, self._channels, *limits, *addresses))
-        self._measure = kernel("symmetric_fit_measure", POINTER, POINTER, *[c_int32] * 4)
+        reach = float(np.abs(grid).max())
+        self.struct = _Fit(_Image(), samples, padded, self._channels, *limits, reach, *addresses)
+        self._fit = ctypes.byref(self.struct)
+        self._measure = kernel("symmetric_fit_measure", POINTER, c_int32)
         self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX, COLOURS), np.uint8))
 
     def load(self, image: Image) -> None:
@@ -112,7 +123,12 @@ class SymmetricSteps:
         if colours != COLOURS and (colours, self._channels) != (1, 1):
             raise ValueError(f"an image of {colours} colours has no {self._channels} channels")
         self._image = np.ascontiguousarray(image)
-        self._shape = address(self._image, np.uint8), height, width, colours
+        self.struct.image = _Image(None, address(self._image, np.uint8), height, width, colours)
+
+    def load_halved(self, image: HalvedImage) -> None:
+        """Take an image at half the resolution, whose pixels are made as they are read."""
+        self.load(image.small)
+        self.struct.image.source = image.address
 
     def measure(self, start_px: Array, beads: Indices | None) -> Centres:
         """Return the centres near `start_px` (m, 2), in the image's pixels, of `beads` (m,), all if None.
@@ -121,7 +137,7 @@ class SymmetricSteps:
         """
         count = self._chosen.choose(beads, start_px)
         self._centres.position_px[:count] = start_px
-        self._measure(self._fit, *self._shape, count)
+        self._measure(self._fit, count)
         position_px, sigma, explained, clipped = self._centres
         return Centres(
             position_px[:count].copy(), sigma[:count].copy(), explained[:count].copy(), clipped[:count].copy()

@@ -21,7 +21,7 @@ class Neighbourhood:
     """Distances between n beads at fixed places.
 
     distance_px (n, n); spacing_px (n,); relative (n, n): row i holds the distances from bead i over its
-    spacing.
+    spacing; means: of the neighbours' displacements.
     """
 
     def __init__(self, position_px: Array) -> None:
@@ -32,7 +32,7 @@ class Neighbourhood:
         np.fill_diagonal(apart, np.inf)
         self.spacing_px: Array = apart.min(axis=1)
         self.relative = self.distance_px / self.spacing_px[:, None]
-        self._means = NeighbourMeans(position_px, gaussian(self.relative), LEAST_WEIGHT)
+        self.means = NeighbourMeans(position_px, self.relative, LEAST_WEIGHT)
 
     def weights(self, length: float) -> Array:
         """Return Gaussian weights (n, n) of each bead's neighbours; length: standard deviation, spacings."""
@@ -52,13 +52,7 @@ class Neighbourhood:
 
         Without any found bead these are the reference places.
         """
-        predicted_px = self._means.predict(position_px, found, missing)
-        if predicted_px is not None:
-            return predicted_px
-        if not found.any():
-            return self.position_px[missing]
-        moved_px = position_px[found] - self.position_px[found]
-        return self.position_px[missing] + interpolate(self.relative[missing][:, found], moved_px)
+        return self.means.predict(position_px, found, missing)
 
 
 def gaussian(distance: Array) -> Array:

@@ -18,6 +18,7 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Counts, Floats, Indices, Mask, Plane
 from palpate_edge.kernels.centroids import OUTSIDE, CentroidFinder, WindowLimits, WindowShapes
+from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.vision.binning import halved
 from palpate_edge.vision.shading import Shading, skin_reach
 
@@ -60,7 +61,7 @@ def refined_places(dark: Plane, start_px: Array, diameter_px: float) -> Array:
 class Refiner:
     """Measures weighted centroids of many beads at once; one object serves all frames of a layout.
 
-    binning: pixels of the plane, along an axis, that are measured as one.
+    binning: pixels of the plane, along an axis, that are measured as one; finder: measures them.
     """
 
     def __init__(
@@ -93,19 +94,20 @@ class Refiner:
             0.5 * np.pi / 4 * diameter**2,
             diameter,
         )
-        self._finder = CentroidFinder(shapes, WindowLimits(GATE, unlit, DARKEST_SKIN, MAX_STEP))
+        self.finder = CentroidFinder(shapes, WindowLimits(GATE, unlit, DARKEST_SKIN, MAX_STEP))
 
     def refine(self, dark: Plane, start_px: Array) -> Refined:
         """Load the plane and return the centroids of all beads near `start_px` (n, 2)."""
         self.load(dark)
         return self.centroids(start_px)
 
-    def load(self, dark: Plane, *, binned: bool = False) -> None:
-        """Take the plane in which :meth:`centroids` measures until the next one is loaded.
+    def load(self, dark: Plane) -> None:
+        """Take the plane that is measured until the next one is loaded."""
+        self.finder.load(dark if self.binning == 1 else halved(dark))
 
-        binned: to :attr:`binning` already.
-        """
-        self._finder.load(dark if binned or self.binning == 1 else halved(dark))
+    def load_halved(self, image: HalvedImage) -> None:
+        """Take the plane of an image that is halved already, where this refiner reads halved ones."""
+        self.finder.load_halved(image)
 
     def centroids(
         self,
@@ -125,7 +127,7 @@ class Refiner:
         """
         half = 0.5 * (self.binning - 1)  # a binned pixel's centre lies between those of its pixels
         start = (start_px - half) / self.binning
-        found = self._finder.find(start, beads, max_steps, min_contrast, max_faint, converged_step)
+        found = self.finder.find(start, beads, max_steps, min_contrast, max_faint, converged_step)
         return Refined(found.place * self.binning + half, *found[1:])
 
 

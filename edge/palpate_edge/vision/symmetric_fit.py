@@ -32,6 +32,7 @@ import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Floats, Image, Indices
+from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.kernels.symmetric_steps import SymmetricLimits, SymmetricMatrices, SymmetricSteps
 from palpate_edge.vision.appearance import CHANNELS
 from palpate_edge.vision.beads import (
@@ -91,7 +92,7 @@ class SymmetricFit:
     """Measures the centres of n beads in images with three channels (BGR), or in grey ones.
 
     The samples lie on a grid in units of each bead's diameter, so that the matrices of the least squares are
-    computed once.
+    computed once. binning: pixels of the image, along an axis, that are read as one; steps: measures them.
     """
 
     def __init__(
@@ -105,8 +106,8 @@ class SymmetricFit:
         one of :data:`FIT_CHANNELS`; light: on the beads, like the skin's or even."""
         weights = FIT_CHANNELS[channels]
         self._is_grey = channels == GREY_FIT
-        self._binning = 1 if self._is_grey and diameter_px.min() < FINE_BELOW_PX else BINNING
-        self._diameter = np.asarray(diameter_px, np.float64) / self._binning
+        self.binning = 1 if self._is_grey and diameter_px.min() < FINE_BELOW_PX else BINNING
+        self._diameter = np.asarray(diameter_px, np.float64) / self.binning
         steps = int(REACH / GRID_STEP) * GRID_STEP
         axis = np.arange(-steps, steps + GRID_STEP / 2, GRID_STEP)
         grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -145,25 +146,30 @@ class SymmetricFit:
             MAX_STEP,
             FAR_STEP,
         )
-        self._steps = SymmetricSteps(matrices, limits)
+        self.steps = SymmetricSteps(matrices, limits)
 
-    def load(self, image: Image, *, binned: bool = False) -> None:
+    def load(self, image: Image) -> None:
         """Take the image that is measured until the next one is loaded: (height, width, 3), and for grey also
-        (height, width). binned: halved already, where this fit reads halved images."""
+        (height, width)."""
         if self._is_grey and image.ndim == COLOUR:
             image = cast(Image, cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        if self._binning > 1 and not binned:
-            image = cast(Image, halved(image))
-        self._steps.load(image)
+        self.steps.load(image if self.binning == 1 else cast(Image, halved(image)))
+
+    def load_halved(self, image: HalvedImage) -> None:
+        """Take an image that is halved already, where this fit reads halved images."""
+        if self._is_grey and image.small.ndim == COLOUR:
+            self.steps.load(cast(Image, cv2.cvtColor(image.complete()[0], cv2.COLOR_BGR2GRAY)))
+        else:
+            self.steps.load_halved(image)
 
     def measure(self, start_px: Array, beads: Indices | None = None) -> Fitted:
         """Return the centres of `beads` (m,), all if None, near `start_px` (m, 2), at most `ROUNDS` steps
         away."""
-        half = 0.5 * (self._binning - 1)
-        found = self._steps.measure((start_px - half) / self._binning, beads)
-        diameter_px = self._diameter * self._binning
+        half = 0.5 * (self.binning - 1)
+        found = self.steps.measure((start_px - half) / self.binning, beads)
+        diameter_px = self._diameter * self.binning
         sigma_px = found.sigma * (diameter_px if beads is None else diameter_px[beads])
-        return Fitted(found.position_px * self._binning + half, sigma_px, found.explained, found.clipped)
+        return Fitted(found.position_px * self.binning + half, sigma_px, found.explained, found.clipped)
 
 
 def _skin_share(radius: Array) -> Array:

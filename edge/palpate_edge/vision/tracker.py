@@ -17,19 +17,21 @@ would confirm labels a row off. Frames start from the reference until one is wit
 
 from __future__ import annotations
 
+from typing import cast
+
 import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane, median
-from palpate_edge.geometry.points import distances
-from palpate_edge.kernels.halving import HalvedColours
+from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.vision.appearance import Appearance, colour_weights, plane
-from palpate_edge.vision.beads import GREY_FIT, Beads, Reference
+from palpate_edge.vision.bead_fit import BeadFit
+from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.blob_detection import BlobDetector
 from palpate_edge.vision.correspondence import Correspondence
 from palpate_edge.vision.labels import LabelCheck, Labelling
-from palpate_edge.vision.symmetric_fit import COLOUR, SymmetricFit
-from palpate_edge.vision.window_search import MAX_NOISE, WindowSearch
+from palpate_edge.vision.symmetric_fit import COLOUR
+from palpate_edge.vision.window_search import WindowSearch
 
 MAX_LOST_SHARE = 0.1  # of the beads, beyond those lost in the last search; with more the image is searched
 MAX_RETRIED_SHARE = 0.3  # of the beads; with more lost their neighbours predict none
@@ -39,15 +41,6 @@ MAX_DOUBT = 0.25  # Match.doubt of a frame that the next one may start from
 MAX_DOUBT_AFTER_JUMP = 0.03  # the same where beads jumped: labels a row off would become the history
 MIN_STRENGTH_SHARE = 0.025  # of the beads' contrast; blobs of dim and of overexposed beads are that weak
 MIN_STRENGTH = 0.7  # grey levels
-MAX_FIT_STEP = 0.25  # of a bead diameter, from the centroid to the centre of symmetry
-# Of a bead that only the symmetric fit finds, near its prediction: its place is certain, or it looks like
-# a bead in white light. Of places between beads, 99 of 100 have a noise above 4 and at most 0.37 explained;
-# of those in white light, 2 of 3,378 pass as beads (train presses of the hard sensor).
-SURE_NOISE, MAX_FAINT_NOISE, MIN_EXPLAINED, MIN_WHITE = 2.0, 30.0, 0.5, 0.75
-MAX_PREDICTED_STEP = (
-    0.2  # of a bead diameter; of the places between beads as many pass in white light as with 0.15
-)
-MIN_APART = 0.6  # of a bead diameter, from any other bead
 BLOBS_PER_BEAD = 2.5  # of the strongest that are matched
 
 
@@ -66,23 +59,14 @@ class Tracker:
         self._reference = reference
         self._neighbourhood = reference.neighbourhood
         self._windows = WindowSearch(reference)
-        self._pixels = HalvedColours()
+        self._halved = HalvedImage()
         self._labels = LabelCheck(reference)
         self._correspondence = Correspondence(reference.neighbourhood)
-        self._diameter_px = median(reference.diameter_px)
         min_strength = max(MIN_STRENGTH, MIN_STRENGTH_SHARE * median(reference.contrast))
         most = int(BLOBS_PER_BEAD * len(reference.position_px))
-        self._blobs = BlobDetector(self._diameter_px, min_strength, most, coarse=True)
-        self._fit, self._fit_sigma_px, self._fits_grey = None, 1.0, False
-        if reference.fit_sigma_px is not None:
-            self._fit = SymmetricFit(
-                reference.diameter_px,
-                self._neighbourhood.spacing_px,
-                reference.fit_channels,
-                reference.fit_light,
-            )
-            self._fits_grey = reference.fit_channels == GREY_FIT
-            self._fit_sigma_px = reference.fit_sigma_px
+        self._blobs = BlobDetector(median(reference.diameter_px), min_strength, most, coarse=True)
+        sigma_px = reference.fit_sigma_px
+        self._fit = None if sigma_px is None else BeadFit(reference, sigma_px)
         self.counters = TrackingCounters()
         self.reset()
 
@@ -99,8 +83,11 @@ class Tracker:
         """
         if image.ndim != COLOUR or appearance.channel == "grey" or self._windows.binning == 1:
             return self.follow(plane(image, appearance), image)
-        pixels, dark = self._pixels.read(image, colour_weights(appearance))
-        return self._follow(dark, pixels, halvings=1)
+        self._halved.begin(image, colour_weights(appearance))
+        if self._fit is not None:
+            self._fit.load_halved(self._halved)
+        self._windows.load_halved(self._halved)
+        return self._follow(self._fit, None)
 
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
         """Return the beads of the next frame.
@@ -108,18 +95,22 @@ class Tracker:
         image: the frame that the plane is of, (height, width, 3) or a grey one. Where given, places come from
         the channels that the calibration chose for the symmetric fit.
         """
-        return self._follow(dark, image, halvings=0)
-
-    def _follow(self, dark: Plane, image: Image | None, *, halvings: int) -> Beads:
-        """Return the beads of the next frame; plane and image were halved so often, at most once."""
-        fit = None if image is None or not (self._fits_grey or image.ndim == COLOUR) else self._fit
+        fit = self._fit if self._fit is not None and image is not None and self._fit.reads(image) else None
         if fit is not None and image is not None:
-            fit.load(image, binned=halvings > 0)
-        self._windows.load(dark, binned=halvings > 0)
+            fit.load(image)
+        if self._windows.binning == 1 or dark.dtype != np.uint8:
+            self._windows.load(dark)
+            return self._follow(fit, dark)
+        self._halved.begin(cast(Image, dark))
+        self._windows.load_halved(self._halved)
+        return self._follow(fit, None)
+
+    def _follow(self, fit: BeadFit | None, dark: Plane | None) -> Beads:
+        """Return the beads of the next frame, which fit and windows have; dark: None where it is halved."""
         self._windows.allow_glare(allowed=fit is not None)
         labelling = self._in_windows()
         if labelling is None:
-            beads = self._in_whole_image(dark, halvings)
+            beads = self._in_whole_image(dark)
             self._accepted_lost = len(beads.lost)
             self._jumped = self._labels.has_jumped((beads.position_px, beads.found), self._last_px)
             is_near = self._windows.reaches(self._reference.position_px, beads.position_px)
@@ -146,37 +137,12 @@ class Tracker:
             self._is_reference = False
         return beads
 
-    def _by_symmetry(self, fit: SymmetricFit, beads: Beads) -> Beads:
-        """Return the beads at their centres of symmetry; those without a clear one are lost.
-
-        Beads that were not found are looked for where their neighbours predict them: in white light a bead
-        is no blob, only a faint ring.
-        """
-        if not beads.found.any():
+    def _by_symmetry(self, fit: BeadFit, beads: Beads) -> Beads:
+        """Return the beads at their centres of symmetry; those without a clear one are lost."""
+        if not beads.found_count:
             return beads
-        start_px, lost = beads.position_px, beads.lost
-        if len(lost):
-            start_px = start_px.copy()
-            start_px[lost] = self._neighbourhood.predict(start_px, beads.found, lost)
-        fitted = fit.measure(start_px)
-        step = fitted.position_px - start_px
-        noise = np.maximum(1.0, fitted.sigma_px / self._fit_sigma_px).astype(np.float32)
-        step_squared = np.vecdot(step, step)
-        found = (step_squared < MAX_FIT_STEP**2 * self._diameter_px**2) & (noise < MAX_NOISE)
-        if len(lost):
-            is_bead = (fitted.explained[lost] > MIN_EXPLAINED) & (fitted.clipped[lost] > MIN_WHITE)
-            is_bead &= noise[lost] < MAX_FAINT_NOISE
-            is_bead |= noise[lost] < SURE_NOISE
-            is_bead &= step_squared[lost] < MAX_PREDICTED_STEP**2 * self._diameter_px**2
-            found[lost] = is_bead & (beads.doubt <= MAX_DOUBT)
-            seen = lost[found[lost]]
-            if len(seen):
-                apart_px = distances(fitted.position_px[seen], fitted.position_px)
-                apart_px[:, ~found] = np.inf
-                apart_px[np.arange(len(seen)), seen] = np.inf
-                found[seen] = apart_px.min(axis=1) > MIN_APART * self._diameter_px
-        position_px = np.where(found[:, None], fitted.position_px, start_px)
-        noise[~found] = 1.0
+        accepts_lost = beads.doubt <= MAX_DOUBT
+        position_px, found, noise = fit.fit(beads.position_px, beads.found, accepts_lost=accepts_lost)
         return Beads.from_positions(
             position_px, found, searched=beads.searched, doubt=beads.doubt, noise=noise
         )
@@ -226,10 +192,10 @@ class Tracker:
             return False
         return self._correspondence.is_smooth(position_px, found)
 
-    def _in_whole_image(self, dark: Plane, halvings: int) -> Beads:
+    def _in_whole_image(self, dark: Plane | None) -> Beads:
         """Match the blobs of the whole image with the beads."""
         self.counters.searches += 1
-        blobs = self._blobs.find(dark, halvings)
+        blobs = self._blobs.find(self._halved.complete()[1], 1) if dark is None else self._blobs.find(dark)
         hypotheses = (
             [self._reference.position_px]
             if self._is_reference

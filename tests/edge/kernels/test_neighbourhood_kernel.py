@@ -9,8 +9,9 @@ from palpate_edge.kernels.neighbourhood import NeighbourMeans
 
 COUNT = 40
 RANDOM = np.random.default_rng(0)
-REST_PX, WEIGHT = RANDOM.uniform(0.0, 300.0, (COUNT, 2)), RANDOM.uniform(0.1, 1.0, (COUNT, COUNT))
-MEANS = NeighbourMeans(REST_PX, WEIGHT, 1e-6)
+REST_PX, APART = RANDOM.uniform(0.0, 300.0, (COUNT, 2)), RANDOM.uniform(0.0, 2.0, (COUNT, COUNT))
+WEIGHT = np.exp(-0.5 * APART**2)
+MEANS = NeighbourMeans(REST_PX, APART, 1e-6)
 
 
 @pytest.mark.parametrize("missing", [[], [7], [39, 0, 12], list(range(39))])
@@ -24,10 +25,23 @@ def test_places_are_weighted_means_of_the_found(missing):
     np.testing.assert_allclose(predicted, np.reshape(expected, (-1, 2)), atol=1e-9)
 
 
-def test_too_little_weight_is_no_mean():
-    assert MEANS.predict(REST_PX, np.zeros(COUNT, np.bool_), np.array([3])) is None
-    faint = NeighbourMeans(REST_PX, np.full((COUNT, COUNT), 1e-9), 1e-6)
-    assert faint.predict(REST_PX, np.ones(COUNT, np.bool_), np.array([3])) is None
+def test_without_a_found_bead_places_are_the_untouched_ones():
+    found = np.zeros(COUNT, np.bool_)
+    assert MEANS.predict(REST_PX + 5.0, found, np.array([3])).tolist() == REST_PX[[3]].tolist()
+
+
+@pytest.mark.parametrize("farther", [10.0, 60.0])
+def test_far_neighbours_count_by_how_much_nearer_they_are(farther):
+    """exp(-d^2 / 2) of 60 is 0 in double precision; logarithms of the weights are subtracted first."""
+    moved = RANDOM.normal(0.0, 5.0, REST_PX.shape)
+    far = np.sqrt(farther**2 + APART**2)
+    logarithm = -0.5 * far[3] ** 2
+    weight = np.exp(logarithm - logarithm.max())
+    predicted = NeighbourMeans(REST_PX, far, 1e-6).predict(
+        REST_PX + moved, np.ones(COUNT, np.bool_), np.array([3])
+    )
+    expected = REST_PX[3] + np.average(moved, axis=0, weights=weight)
+    np.testing.assert_allclose(predicted[0], expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("number", [-1, COUNT, 2**40])

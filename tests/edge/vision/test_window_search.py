@@ -148,7 +148,7 @@ def test_glare_beside_a_bead_hides_it_unless_its_symmetry_is_measured(reference)
     shown = plane(glare=(x + 9.0, y, 60.0))
     windows = search(reference, shown)
     assert not windows.find_beads(REST_PX, COUNT, COUNT)[1][ONE]
-    excess = float(windows._excess[ONE])
+    excess = float(windows.excess[ONE])
     assert 0.05 < excess < 0.3
     everyone = np.arange(COUNT)
     assert not windows.find_matched(REST_PX, everyone, REST_PX)[1][ONE]
