@@ -110,6 +110,7 @@ class CentroidFinder:
         )
         self._finder = ctypes.byref(self.struct)
         self._find = kernel("find_centroids", POINTER, *[c_int32] * 3, c_double)
+        self._source: HalvedImage | None = None
         self.load(np.zeros((1, 1), np.float32))
 
     def load(self, plane: Plane) -> None:
@@ -120,13 +121,15 @@ class CentroidFinder:
         if not plane.size or plane.ndim != 2:
             raise ValueError(f"a plane of shape {plane.shape} shows no bead")
         is_bytes = plane.dtype == np.uint8
-        self._plane = np.ascontiguousarray(plane, np.uint8 if is_bytes else np.float32)
+        self._plane, self._source = np.ascontiguousarray(plane, np.uint8 if is_bytes else np.float32), None
         pixels = address(self._plane, self._plane.dtype.type)
         self.struct.plane = _Plane(None, pixels, is_bytes, *plane.shape)
 
     def load_halved(self, image: HalvedImage) -> None:
         """Take the plane of an image at half the resolution, whose pixels are made as they are read."""
-        self._plane = image.plane
+        if self._source is image and self._plane is image.plane:
+            return
+        self._plane, self._source = image.plane, image
         pixels = address(self._plane, self._plane.dtype.type)
         is_bytes = self._plane.dtype == np.uint8
         self.struct.plane = _Plane(image.address, pixels, is_bytes, *self._plane.shape)

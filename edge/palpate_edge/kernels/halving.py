@@ -36,38 +36,47 @@ class HalvedImage:
         self._struct = _Halving()
         self.address = ctypes.addressof(self._struct)
         self._begin, self._complete = (kernel(f"halving_{name}", POINTER) for name in ("begin", "complete"))
-        self._allocate(0, 0, 1)
+        self._byref = ctypes.byref(self._struct)
+        self._layout, self._weights = None, NO_COLOUR
+        self._allocate((0, 0))
 
     def begin(self, image: Image, weights: tuple[float, float, float] = NO_COLOUR) -> None:
         """Take an image (height, width, 3), and weights of B, G, R, or a grey one, until the next call.
 
         Raises TypeError for an image that is not of bytes, or whose pixels do not lie side by side.
         """
-        height, width = image.shape[0] // 2, image.shape[1] // 2
-        colours = image.shape[2] if image.ndim == COLOURS else 1
-        beside = (COLOURS, 1) if image.ndim == COLOURS else (1,)
-        if image.strides[1:] != beside or image.dtype != np.uint8 or colours not in (1, COLOURS):
-            raise TypeError(f"no image of bytes: {image.dtype} {image.shape}")
-        struct = self._struct
-        if (struct.height, struct.width, struct.colours) != (height, width, colours):
-            self._allocate(height, width, colours)
+        layout = image.shape, image.strides, image.dtype
+        if layout != self._layout or weights != self._weights:
+            self._lay_out(image, weights)
         self._image = image
-        struct.weights[:] = weights
-        struct.stride, struct.image = image.strides[0], image.ctypes.data
-        self._begin(self.address)
+        self._struct.image = image.__array_interface__["data"][0]
+        self._begin(self._byref)
 
     def complete(self) -> tuple[Image, Plane]:
         """Return the whole small image and its plane, until the next image."""
-        self._complete(self.address)
+        self._complete(self._byref)
         return self.small, self.plane
 
-    def _allocate(self, height: int, width: int, colours: int) -> None:
-        shape = (height, width) if colours == 1 else (height, width, colours)
-        self.small: Image = np.empty(shape, np.uint8)
-        self.plane: Plane = self.small if colours == 1 else np.empty((height, width), np.float32)
-        self._columns = np.zeros((4, height), np.int32)
+    def _lay_out(self, image: Image, weights: tuple[float, float, float]) -> None:
+        """Make room for images like this one."""
+        is_coloured = image.ndim == COLOURS
+        beside = (COLOURS, 1) if is_coloured else (1,)
+        if image.strides[1:] != beside or image.dtype != np.uint8 or image.shape[2:] not in ((), (COLOURS,)):
+            raise TypeError(f"no image of bytes: {image.dtype} {image.shape}")
+        struct, (height, width) = self._struct, (side // 2 for side in image.shape[:2])
+        shape = (height, width, COLOURS) if is_coloured else (height, width)
+        if self.small.shape != shape:
+            self._allocate(shape)
+        struct.height, struct.width, struct.colours = height, width, COLOURS if is_coloured else 1
+        struct.weights[:] = weights
+        struct.stride = image.strides[0]
+        self._layout, self._weights = (image.shape, image.strides, image.dtype), weights
+
+    def _allocate(self, shape: tuple[int, ...]) -> None:
+        self.small: Image = np.zeros(shape, np.uint8)
+        self.plane: Plane = np.zeros(shape[:2], np.float32) if len(shape) == COLOURS else self.small
+        self._columns = np.zeros((4, shape[0]), np.int32)
         struct = self._struct
-        struct.height, struct.width, struct.colours = height, width, colours
         struct.small = address(self.small, np.uint8)
         struct.plane = address(self.plane, self.plane.dtype.type)
         for name, columns in zip(("from", "to", "first", "last"), self._columns, strict=True):

@@ -109,6 +109,7 @@ class SymmetricSteps:
         self.struct = _Fit(_Image(), samples, padded, self._channels, *limits, reach, *addresses)
         self._fit = ctypes.byref(self.struct)
         self._measure = kernel("symmetric_fit_measure", POINTER, c_int32)
+        self._source: HalvedImage | None = None
         self.load(np.zeros((LEAST_SIDE_PX, LEAST_SIDE_PX, COLOURS), np.uint8))
 
     def load(self, image: Image) -> None:
@@ -122,12 +123,15 @@ class SymmetricSteps:
             raise ValueError(f"an image of {width} x {height} pixels shows no bead")
         if colours != COLOURS and (colours, self._channels) != (1, 1):
             raise ValueError(f"an image of {colours} colours has no {self._channels} channels")
-        self._image = np.ascontiguousarray(image)
+        self._image, self._source = np.ascontiguousarray(image), None
         self.struct.image = _Image(None, address(self._image, np.uint8), height, width, colours)
 
     def load_halved(self, image: HalvedImage) -> None:
         """Take an image at half the resolution, whose pixels are made as they are read."""
+        if self._source is image and self._image is image.small:
+            return
         self.load(image.small)
+        self._source = image
         self.struct.image.source = image.address
 
     def measure(self, start_px: Array, beads: Indices | None) -> Centres:

@@ -108,6 +108,22 @@ static int is_there(const struct window_search *s, int32_t bead) {
     return s->contrast_share[bead] > s->min_contrast_share;
 }
 
+/* Write where the found beads predict the others, and return how many there are; the neighbours' list has
+ * their numbers. */
+static int32_t predict_missing(const struct window_search *s) {
+    struct neighbourhood *neighbours = s->neighbours;
+    int32_t missing = 0;
+    for (int32_t bead = 0; bead < s->beads; bead++) {
+        neighbours->position_px[2 * bead] = s->position_px[2 * bead];
+        neighbours->position_px[2 * bead + 1] = s->position_px[2 * bead + 1];
+        neighbours->found[bead] = s->found[bead];
+        if (!s->found[bead])
+            neighbours->missing[missing++] = bead;
+    }
+    neighbourhood_predict(neighbours, missing);
+    return missing;
+}
+
 /* Measure the beads that were off the centres of their first windows, and the faint ones where the others
  * predict them. found: which first windows showed a bead. */
 static void go_on(const struct window_search *s, int32_t faint) {
@@ -136,16 +152,8 @@ static void go_on(const struct window_search *s, int32_t faint) {
         if (!s->converged[bead])
             add_start(s, &count, bead, s->position_px + 2 * bead);
     }
-    struct neighbourhood *neighbours = s->neighbours;
-    int32_t missing = 0;
-    for (int32_t bead = 0; bead < s->beads; bead++) {
-        neighbours->position_px[2 * bead] = s->position_px[2 * bead];
-        neighbours->position_px[2 * bead + 1] = s->position_px[2 * bead + 1];
-        neighbours->found[bead] = s->found[bead];
-        if (!s->found[bead])
-            neighbours->missing[missing++] = bead;
-    }
-    neighbourhood_predict(neighbours, missing);
+    const struct neighbourhood *neighbours = s->neighbours;
+    const int32_t missing = predict_missing(s);
     for (int32_t i = 0; i < missing; i++) {
         const int32_t bead = (int32_t)neighbours->missing[i];
         const double *predicted = neighbours->predicted_px + 2 * i;
@@ -198,50 +206,44 @@ static int is_faint_and_off(const struct window_search *s, int32_t bead, const d
            !(step < s->max_faint_squared * s->spacing_squared[bead]);
 }
 
-static int are_beads(const struct window_search *s, int32_t count) {
-    for (int32_t i = 0; i < count; i++) {
-        if (s->some[i] < 0 || s->some[i] >= s->beads)
-            return 0;
-    }
-    return 1;
-}
-
-/* Look for the first `count` beads of `some` near `expected_px` (count, 2), where their neighbours predict
- * them; all were looked for in this plane before. Return -1 where a number is that of no bead. */
-KERNEL int window_search_predicted(const struct window_search *s, int32_t count, float max_glare) {
+/* Look for the beads that were not found where the others predict them. */
+KERNEL int window_search_missing(const struct window_search *s, float max_glare) {
+    const struct neighbourhood *neighbours = s->neighbours;
+    const int32_t missing = predict_missing(s);
     int32_t off = 0;
-    if (!are_beads(s, count))
-        return -1;
-    for (int32_t i = 0; i < count; i++) {
-        const int32_t bead = (int32_t)s->some[i];
-        const double *expected = s->expected_px + 2 * i;
+    for (int32_t i = 0; i < missing; i++) {
+        const int32_t bead = (int32_t)neighbours->missing[i];
+        const double *predicted = neighbours->predicted_px + 2 * i;
         if (!s->converged[bead] &&
-            squared_between(s->last_start_px + 2 * bead, expected) > s->same_squared[bead])
-            add_start(s, &off, bead, expected);
+            squared_between(s->last_start_px + 2 * bead, predicted) > s->same_squared[bead])
+            add_start(s, &off, bead, predicted);
     }
     measure(s, off, s->max_windows, off, s->converged_step);
     keep(s, off);
     for (int32_t i = 0; i < off; i++)
         s->excess[s->finder->which[i]] -= *s->noise_unevenness;
-    for (int32_t i = 0; i < count; i++) {
-        const int32_t bead = (int32_t)s->some[i];
-        const double *expected = s->expected_px + 2 * i;
-        const double step = squared_between(s->position_px + 2 * bead, expected);
+    for (int32_t i = 0; i < missing; i++) {
+        const int32_t bead = (int32_t)neighbours->missing[i];
+        const double *predicted = neighbours->predicted_px + 2 * i;
+        const double step = squared_between(s->position_px + 2 * bead, predicted);
         s->found[bead] = s->converged[bead] && s->contrast_share[bead] > s->min_predicted_share &&
                          s->area[bead] > s->min_area[bead] && s->area[bead] < s->max_area[bead] &&
                          step < s->max_predicted_squared * s->spacing_squared[bead] &&
-                         !is_faint_and_off(s, bead, expected) && s->excess[bead] < max_glare;
+                         !is_faint_and_off(s, bead, predicted) && s->excess[bead] < max_glare;
     }
     return 0;
 }
 
 /* Look for the first `count` beads of `some` at their blobs, `expected_px` (count, 2), and not far from
- * `predicted_px` (count, 2), where their neighbours predict them. Return -1 as above. */
+ * `predicted_px` (count, 2), where their neighbours predict them. Return -1 where a number is that
+ * of no bead. */
 KERNEL int window_search_matched(const struct window_search *s, int32_t count, int32_t max_windows,
                                  float max_glare) {
     int32_t added = 0;
-    if (!are_beads(s, count))
-        return -1;
+    for (int32_t i = 0; i < count; i++) {
+        if (s->some[i] < 0 || s->some[i] >= s->beads)
+            return -1;
+    }
     for (int32_t i = 0; i < count; i++)
         add_start(s, &added, (int32_t)s->some[i], s->expected_px + 2 * i);
     measure(s, count, max_windows, count, s->blob_step);

@@ -109,7 +109,7 @@ class WindowSearchKernel:
         )
         self._struct = ctypes.byref(struct)
         self._beads = kernel("window_search_beads", POINTER, c_int32, c_int32)
-        self._predicted = kernel("window_search_predicted", POINTER, c_int32, c_float)
+        self._missing = kernel("window_search_missing", POINTER, c_float)
         self._matched = kernel("window_search_matched", POINTER, c_int32, c_int32, c_float)
         self._noises = kernel("window_search_noise", POINTER)
 
@@ -123,35 +123,26 @@ class WindowSearchKernel:
             return None
         return self._position_px.copy(), self._found.copy()
 
-    def find_predicted(self, expected_px: Array, beads: Indices, max_glare: float) -> tuple[Array, Mask]:
-        """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), and which (m,) were found.
-
-        Raises IndexError for a number that is that of no bead.
-        """
-        count = self._choose(expected_px, beads)
-        return self._results(beads, self._predicted(self._struct, count, max_glare))
+    def find_missing(self, max_glare: float) -> tuple[Array, Mask]:
+        """Return places (n, 2) and flags (n,) of find_beads, with those that are where the others predict
+        them."""
+        self._missing(self._struct, max_glare)
+        return self._position_px.copy(), self._found.copy()
 
     def find_matched(
         self, blob_px: Array, beads: Indices, predicted_px: Array, max_windows: int, max_glare: float
     ) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) at `blob_px` (m, 2), not far from `predicted_px` (m, 2), and
         which (m,) were found. Raises IndexError for a number that is that of no bead."""
-        count = self._choose(blob_px, beads)
+        count = len(beads)
+        np.copyto(self._some[:count], beads)
+        np.copyto(self._expected_px[:count], blob_px)
         np.copyto(self._predicted_px[:count], predicted_px)
-        return self._results(beads, self._matched(self._struct, count, max_windows, max_glare))
+        if self._matched(self._struct, count, max_windows, max_glare) < 0:
+            raise IndexError(f"beads {beads.tolist()} are not all of {len(self._some)}")
+        return self._position_px[beads], self._found[beads]
 
     def noise(self, found: Mask) -> Floats | None:
         """Return the noise (n,) of the beads, 1 of those not `found` (n,); None where all are exact."""
         np.copyto(self._found, found)
         return self._noise.copy() if self._noises(self._struct) else None
-
-    def _choose(self, expected_px: Array, beads: Indices) -> int:
-        count = len(beads)
-        np.copyto(self._some[:count], beads)
-        np.copyto(self._expected_px[:count], expected_px)
-        return count
-
-    def _results(self, beads: Indices, status: int) -> tuple[Array, Mask]:
-        if status < 0:
-            raise IndexError(f"beads {beads.tolist()} are not all of {len(self._some)}")
-        return self._position_px[beads], self._found[beads]

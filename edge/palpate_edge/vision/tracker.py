@@ -22,7 +22,7 @@ from typing import cast
 import msgspec
 import numpy as np
 
-from palpate_edge.common.arrays import Array, Image, Indices, Mask, Plane, median
+from palpate_edge.common.arrays import Array, Image, Plane, median
 from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.vision.appearance import Appearance, colour_weights, plane
 from palpate_edge.vision.bead_fit import BeadFit
@@ -171,11 +171,11 @@ class Tracker:
         if labelling is None:
             return None
         count = len(start_px)
-        if not labelling[1].all():
-            missing = (~labelling[1]).nonzero()[0]
-            if len(missing) > self._accepted_lost + MAX_RETRIED_SHARE * count:
-                return None
-            self._retry(*labelling, missing)
+        missing = count - np.count_nonzero(labelling[1])
+        if missing > self._accepted_lost + MAX_RETRIED_SHARE * count:
+            return None
+        if missing:
+            labelling = self._windows.find_missing()
         labelling = self._labels.drop_doubles(labelling, start_px)
         lost = count - np.count_nonzero(labelling[1])
         if lost > max_lost:
@@ -213,8 +213,3 @@ class Tracker:
             )
         position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
         return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)
-
-    def _retry(self, position_px: Array, found: Mask, missing: Indices) -> None:
-        """Search the missing beads where their neighbours predict them; changes both arrays."""
-        expected_px = self._neighbourhood.predict(position_px, found, missing)
-        position_px[missing], found[missing] = self._windows.find_predicted(expected_px, missing)

@@ -129,13 +129,12 @@ class WindowSearch:
         step = position_px - expected_px
         return np.asarray(np.vecdot(step, step) < self._max_step_px**2)
 
-    def find_predicted(self, expected_px: Array, beads: Indices) -> tuple[Array, Mask]:
-        """Return places (m, 2) of `beads` (m,) near `expected_px` (m, 2), as their neighbours predict them,
-        and which (m,) were found; find_beads was called for this plane before.
+    def find_missing(self) -> tuple[Array, Mask]:
+        """Return the result of find_beads, with beads that are near where the others predict them.
 
         Only beads are measured again whose last window was elsewhere and did not show them.
         """
-        return self._kernel.find_predicted(expected_px, beads, self._max_glare)
+        return self._kernel.find_missing(self._max_glare)
 
     def find_matched(self, blob_px: Array, beads: Indices, predicted_px: Array) -> tuple[Array, Mask]:
         """Return places (m, 2) of `beads` (m,) at their blobs (m, 2), and which (m,) can be measured.

@@ -95,9 +95,9 @@ def test_a_bead_is_within_0_45_spacings_of_where_it_is_expected(reference, step,
 def test_a_predicted_bead_may_have_a_fifth_of_its_contrast(reference, share, is_bead) -> None:
     windows = search(reference, plane(contrast=one_bead(100.0 * share, 100.0)))
     windows.find_beads(REST_PX, COUNT, COUNT)
-    position, found = windows.find_predicted(REST_PX[[ONE]], np.array([ONE]))
-    assert found[0] == is_bead
-    np.testing.assert_allclose(position[0], REST_PX[ONE], atol=0.3)
+    position, found = windows.find_missing()
+    assert found[ONE] == is_bead and found.sum() == COUNT - 1 + is_bead
+    np.testing.assert_allclose(position, REST_PX, atol=0.3)
 
 
 @pytest.mark.parametrize(
@@ -119,14 +119,14 @@ def test_a_matched_blob_has_a_tenth_of_the_contrast(reference, share, is_bead) -
 
 
 def test_a_lost_bead_is_measured_again_where_its_neighbours_predict_it(reference) -> None:
-    place = REST_PX.copy()
-    place[ONE] += (8.0, 8.0)  # beyond its window
-    windows = search(reference, plane(place))
-    _, found = windows.find_beads(REST_PX, COUNT, COUNT)
+    expected = REST_PX.copy()
+    expected[ONE] += (8.0, 8.0)  # its window does not show it
+    windows = search(reference, plane())
+    _, found = windows.find_beads(expected, COUNT, COUNT)
     assert not found[ONE] and found.sum() == COUNT - 1
-    position, again = windows.find_predicted(place[[ONE]] + 0.5, np.array([ONE]))
-    assert again[0]
-    np.testing.assert_allclose(position[0], place[ONE], atol=0.05)
+    position, again = windows.find_missing()
+    assert again.all()
+    np.testing.assert_allclose(position, REST_PX, atol=0.05)
 
 
 @pytest.mark.parametrize(("share", "noise"), [(0.5, 2.0), (0.4, 2.5), (0.71, None)])
