@@ -25,7 +25,7 @@ from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import View
 from palpate_edge.kernels.blind_spot import BlindSpotKernel
-from palpate_edge.kernels.canonical_field import CanonicalFieldKernel
+from palpate_edge.kernels.canonical_field import CanonicalFieldKernel, FieldNoise
 from palpate_edge.vision.beads import Beads
 
 MeanMotion = tuple[float, float, float, float, float, float]
@@ -107,17 +107,16 @@ class DisplacementReader:
             np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px))), np.float64
         )
         self._blind_spot = BlindSpotKernel(inverse, BEAD_NOISE)
+        self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._field = CanonicalFieldKernel(
             _DIRECTIONS,
             np.stack([_MERIDIONAL, _AZIMUTHAL]),
             self._beads,
             self._mm_per_px,
-            inverse,
-            bead_noise=BEAD_NOISE,
+            self._covariance,
+            FieldNoise(BEAD_NOISE, self._noise_mm2, NOISE_WEIGHT, LEAST_SIGNAL),
             length=KERNEL_LENGTH,
         )
-        self._variances, self._modes = np.linalg.eigh(self._covariance)
-        self._noise_mm2 = noise_px**2 * float((self._mm_per_px**2).sum(axis=(1, 2)).mean())
         self._smoother = None if typical is None else FieldSmoother(typical, noise_px)
         self._smooths_all = typical is not None and typical.smooths_all
         self._azimuth_of_kernel_rad = math.nan
@@ -144,8 +143,10 @@ class DisplacementReader:
         hidden = hidden or self.hidden(beads)
         if self._smoother is not None and (self._smooths_all or not beads.all_exact):
             azimuth_rad = turn_rad + self._field.weigh(self._smoother.smooth(pixels, beads))
+        elif beads.all_exact:
+            azimuth_rad = turn_rad + self._field.weigh_exact(pixels)
         else:
-            weights = self._kernel_weights(self._on_sphere_mm(pixels), beads)
+            weights = self._inexact_weights(self._on_sphere_mm(pixels), beads)
             azimuth_rad = turn_rad + self._azimuth_rad(self._covariance @ weights)
             self._field.give_weights(weights)
         self.padded_kernel(azimuth_rad)
@@ -183,12 +184,10 @@ class DisplacementReader:
         """Return displacements (n, 3) on the sphere of displacements (n, 2) in the image."""
         return np.asarray(np.vecdot(self._mm_per_px, displacement_px[:, None]))
 
-    def _kernel_weights(self, displacement_mm: Array, beads: Beads) -> Array:
-        """Return the beads' weights (n, 3) in the Gaussian process of the displacement (n, 3)."""
+    def _inexact_weights(self, displacement_mm: Array, beads: Beads) -> Array:
+        """Return the beads' weights (n, 3) in the Gaussian process of the displacement (n, 3), some of them
+        hidden or inexact."""
         noise = NOISE_WEIGHT * self._relative_noise(displacement_mm, beads.weight)
-        if beads.all_exact:
-            variances = self._variances + noise + BEAD_NOISE
-            return np.asarray(self._modes @ ((self._modes.T @ displacement_mm) / variances[:, None]))
         inexact = 1.0 if beads.noise is None else beads.noise.astype(np.float64) ** 2
         each = BEAD_NOISE + noise * inexact if self._noise_mm2 else BEAD_NOISE * inexact
         covariance = self._covariance.copy()

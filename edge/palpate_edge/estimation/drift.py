@@ -38,10 +38,10 @@ class Drift:
         self._rest_px = reference.position_px
         self._fit = np.linalg.pinv(camera_modes(reference.position_px).reshape(-1, MOTIONS))
         self._flat_slopes = camera_slopes(reference.position_px).reshape(-1, MOTIONS)
-        self._by_x, self._by_y = np.zeros((2, *reference.position_px.shape))  # slopes of the common part
+        self._without_slopes = np.tile(np.eye(2), (len(reference.position_px), 1, 1))
         self._common_px = np.zeros_like(reference.position_px)
         self._dent_px = np.zeros_like(reference.position_px)
-        self._drift_px = self._common_px + self._dent_px
+        self._sum_up()
         self._unobserved_px = math.inf  # how far the drift can have moved since it was last followed
 
     @property
@@ -51,9 +51,9 @@ class Drift:
 
     def compensate(self, beads: Beads) -> Beads:
         """Return the beads as they would be seen without the drift."""
-        skin_px = beads.position_px - self._drift_px
-        x, y = (skin_px - self._rest_px).T[:, :, None]
-        return msgspec.structs.replace(beads, position_px=skin_px - x * self._by_x - y * self._by_y)
+        moved_px = beads.position_px - self._moved_rest_px
+        position_px = self._rest_px + np.vecdot(self._without_slopes, moved_px[:, None])
+        return msgspec.structs.replace(beads, position_px=position_px)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""
@@ -73,12 +73,17 @@ class Drift:
         share = min(share, self._unobserved_px / size_px, self._remaining_px() / size_px)
         self._common_px = self._common_px + share * split.common_px
         amounts = self._fit @ self._common_px.ravel()
-        self._by_x, self._by_y = (self._flat_slopes @ amounts).reshape(2, -1, 2)
+        slopes = (self._flat_slopes @ amounts).reshape(2, -1, 2)
+        self._without_slopes = np.eye(2) - slopes.transpose(1, 2, 0)
         self._unobserved_px = min(max(0.0, self._unobserved_px - share * size_px), (1.0 - share) * size_px)
         self._dent_px = self._dent_px + (1.0 - math.exp(-elapsed_s / DENT_FOLLOWING_S)) * split.dent_px
         limit_px = self._threshold_px + MAX_DENT_SHARE * rms(self._common_px)
         self._dent_px *= min(1.0, limit_px / max(rms(self._dent_px), 1e-12))
+        self._sum_up()
+
+    def _sum_up(self) -> None:
         self._drift_px = self._common_px + self._dent_px
+        self._moved_rest_px = self._rest_px + self._drift_px
 
     def _remaining_px(self) -> float:
         """Return how much farther the common part may move."""

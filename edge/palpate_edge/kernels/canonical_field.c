@@ -1,19 +1,23 @@
 /* From displacements of the beads to the canonical field: see estimation/displacement_field.py. */
 
-#include "exponential.h"
+#include "small_matrices.h"
 
 struct canonical_field {
     int32_t beads, padded_beads, directions;
-    double bead_noise;
+    double bead_noise;       /* variance of a bead's place, relative to the field's */
+    double noise_mm2, noise_weight, least_signal; /* of a sensor whose fields are not smoothed */
     const float *scaled;     /* (directions, 3): times sqrt(3) over the length of the covariance */
     const float *tangents;   /* (2, directions, 3): meridional and azimuthal */
     const float *scaled_beads;   /* (3, padded beads): likewise */
     const double *unit;      /* (beads, 3) */
     const double *mm_per_px; /* (beads, 3, 2) */
     const double *inverse;   /* (beads, beads): of the covariance with the beads' noise, symmetric */
+    const double *modes;     /* (beads, modes): columns are eigenvectors of the covariance */
+    const double *variances; /* (modes): its eigenvalues */
     const double *displacement_px; /* (beads, 2) */
     double *moved_mm;        /* (3, beads) */
     double *weights;         /* (3, beads) */
+    double *amounts;         /* (3, modes) */
     float *turned;           /* (3, padded beads): beads in the canonical frame */
     float *turned_weights;   /* (3, padded beads) */
     float *kernel;           /* (directions, padded beads) */
@@ -52,35 +56,94 @@ KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, 
     return 0;
 }
 
-/* The weights (3, beads) of displacements in the image, and the centre of gravity of what they give.
- *
- * With the covariance C and the inverse of C + r I, C w = m - r w for the weights w of displacements m. */
-KERNEL int canonical_weights(const struct canonical_field *field) {
+/* Displacements in the image as such on the sphere. */
+static void move_on_sphere(const struct canonical_field *field) {
     int32_t count = field->beads;
-    double *moved = field->moved_mm, *weights = field->weights, x = 0.0, y = 0.0;
     for (int32_t b = 0; b < count; b++)
         for (int k = 0; k < 3; k++) {
             const double *slope = field->mm_per_px + 6 * b + 2 * k;
-            moved[k * count + b] =
+            field->moved_mm[k * count + b] =
                 slope[0] * field->displacement_px[2 * b] + slope[1] * field->displacement_px[2 * b + 1];
         }
+}
+
+/* The centre of gravity of what the weights w of displacements m give: with the covariance C and
+ * (C + r I) w = m it is C w = m - r w. */
+static void find_gravity(const struct canonical_field *field, double noise) {
+    int32_t count = field->beads;
+    double x = 0.0, y = 0.0;
     for (int32_t b = 0; b < count; b++) {
-        const double *row = field->inverse + (int64_t)b * count;
-        double sums[3] = {0.0}, square = 0.0;
-        for (int32_t other = 0; other < count; other++) {
-            sums[0] += row[other] * moved[other];
-            sums[1] += row[other] * moved[count + other];
-            sums[2] += row[other] * moved[2 * count + other];
-        }
+        double square = 0.0;
         for (int k = 0; k < 3; k++) {
-            double smooth = moved[k * count + b] - field->bead_noise * sums[k];
-            weights[k * count + b] = sums[k];
+            double smooth = field->moved_mm[k * count + b] - noise * field->weights[k * count + b];
             square += smooth * smooth;
         }
         x += square * field->unit[3 * b];
         y += square * field->unit[3 * b + 1];
     }
     field->gravity[0] = x, field->gravity[1] = y;
+}
+
+/* Three sums (3, count) of a row times columns (3, count). */
+static inline void multiply_row(const double *row, const double *columns, int32_t count, double sums[3]) {
+    sums[0] = sums[1] = sums[2] = 0.0;
+    for (int32_t k = 0; k < count; k++) {
+        sums[0] += row[k] * columns[k];
+        sums[1] += row[k] * columns[count + k];
+        sums[2] += row[k] * columns[2 * count + k];
+    }
+}
+
+/* The weights of a smoothed displacement, whose noise is the beads' own. */
+KERNEL int canonical_weights(const struct canonical_field *field) {
+    int32_t count = field->beads;
+    double sums[3];
+    move_on_sphere(field);
+    for (int32_t b = 0; b < count; b++) {
+        multiply_row(field->inverse + (int64_t)b * count, field->moved_mm, count, sums);
+        for (int k = 0; k < 3; k++)
+            field->weights[k * count + b] = sums[k];
+    }
+    find_gravity(field, field->bead_noise);
+    return 0;
+}
+
+/* The variance of a bead's place over that of the displacement of all beads, which are exact. */
+static double relative_noise(const struct canonical_field *field) {
+    double square = 0.0, signal, least;
+    for (int32_t k = 0; k < 3 * field->beads; k++)
+        square += field->moved_mm[k] * field->moved_mm[k];
+    square /= field->beads;
+    signal = square - field->noise_mm2;
+    least = field->least_signal * square;
+    least = least > 1e-12 ? least : 1e-12;
+    return field->noise_mm2 / (signal > least ? signal : least);
+}
+
+/* The weights of a displacement as it is measured, all beads exact, by the covariance's modes: the noise is
+ * that of the beads over the frame's displacement. */
+KERNEL int canonical_exact_weights(const struct canonical_field *field) {
+    int32_t count = field->beads;
+    double sums[3], *amounts = field->amounts;
+    move_on_sphere(field);
+    const double noise = field->bead_noise + field->noise_weight * relative_noise(field);
+    for (int32_t k = 0; k < 3 * count; k++)
+        amounts[k] = 0.0;
+    for (int32_t b = 0; b < count; b++)
+        for (int k = 0; k < 3; k++)
+            add_scaled(amounts + k * count, field->modes + (int64_t)b * count, field->moved_mm[k * count + b],
+                       count);
+    for (int32_t mode = 0; mode < count; mode++) {
+        const double per = 1.0 / (field->variances[mode] + noise);
+        for (int k = 0; k < 3; k++)
+            amounts[k * count + mode] *= per;
+    }
+    for (int32_t b = 0; b < count; b++) {
+        multiply_row(field->modes + (int64_t)b * count, amounts, count, sums);
+        for (int k = 0; k < 3; k++)
+            field->weights[k * count + b] = sums[k];
+    }
+    find_gravity(field, noise);
     return 0;
 }
 

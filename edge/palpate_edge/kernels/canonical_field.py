@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,12 @@ _POINTERS = (
     "unit",
     "mm_per_px",
     "inverse",
+    "modes",
+    "variances",
     "displacement_px",
     "moved_mm",
     "weights",
+    "amounts",
     "turned",
     "turned_weights",
     "kernel",
@@ -29,10 +33,21 @@ _POINTERS = (
 )
 
 
+class FieldNoise(NamedTuple):
+    """bead: variance of a bead's place, relative to the field's. The others are of displacements that are not
+    smoothed: mm2: variance of a bead's place on the sphere, 0 where it is unknown; weight: of that variance;
+    least_signal: of a frame's mean square displacement, the rest is noise at most."""
+
+    bead: float
+    mm2: float
+    weight: float
+    least_signal: float
+
+
 class _CanonicalField(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int32) for name in ("beads", "padded_beads", "directions")),
-        ("bead_noise", ctypes.c_double),
+        *((f"{name}_noise", ctypes.c_double) for name in FieldNoise._fields),
         *((name, POINTER) for name in _POINTERS),
     ]
 
@@ -49,20 +64,21 @@ class CanonicalFieldKernel:
         tangents: Array,
         unit: Array,
         mm_per_px: Array,
-        inverse: Array,
+        covariance: Array,
+        noise: FieldNoise,
         *,
-        bead_noise: float,
         length: float,
     ) -> None:
         """directions (g, 3), tangents (2, g, 3): in the canonical frame; unit (n, 3): of the beads in F;
-        mm_per_px (n, 3, 2); inverse (n, n): of the beads' covariance plus bead_noise on its diagonal;
-        length: of the covariance, on the unit sphere."""
+        mm_per_px (n, 3, 2); covariance (n, n): of the beads; length: of the covariance, on the unit
+        sphere."""
         count, beads, padded = len(directions), len(unit), padded_length(len(unit))
-        shapes = tangents.shape, mm_per_px.shape, inverse.shape
+        shapes = tangents.shape, mm_per_px.shape, covariance.shape
         if shapes != ((2, count, 3), (beads, 3, 2), (beads, beads)):
             raise ValueError(f"geometry of the beads does not fit {beads} beads and {count} directions")
         self.covariance = np.zeros((count, padded), np.float32)
         self._displacement_px, self._weights = np.zeros((beads, 2)), np.zeros((3, beads))
+        variances, modes = np.linalg.eigh(covariance)
         self._gravity, self._values = np.zeros(2), np.zeros(2 * count)
         singles = {
             "scaled": np.ascontiguousarray(math.sqrt(3.0) / length * directions, dtype=np.float32),
@@ -75,10 +91,13 @@ class CanonicalFieldKernel:
         doubles = {
             "unit": np.ascontiguousarray(unit),
             "mm_per_px": np.ascontiguousarray(mm_per_px),
-            "inverse": np.ascontiguousarray(inverse),
+            "inverse": np.linalg.inv(covariance + noise.bead * np.eye(beads)),
+            "modes": np.ascontiguousarray(modes),
+            "variances": variances,
             "displacement_px": self._displacement_px,
             "moved_mm": np.zeros((3, beads)),
             "weights": self._weights,
+            "amounts": np.zeros((3, beads)),
             "gravity": self._gravity,
             "values": self._values,
         }
@@ -87,13 +106,14 @@ class CanonicalFieldKernel:
             beads,
             padded,
             count,
-            bead_noise,
+            *noise,
             **addresses(singles, np.float32),
             **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
         self._covariance_at = kernel("canonical_kernel", POINTER, ctypes.c_double, ctypes.c_double)
         self._weigh = kernel("canonical_weights", POINTER)
+        self._weigh_exact = kernel("canonical_exact_weights", POINTER)
         self._values_at = kernel("canonical_values", POINTER, ctypes.c_double, ctypes.c_double)
 
     def turn(self, azimuth_rad: float) -> None:
@@ -101,15 +121,20 @@ class CanonicalFieldKernel:
         self._covariance_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
 
     def weigh(self, displacement_px: Array) -> float:
-        """Weigh the beads for their displacement (n, 2) in the image.
+        """Weigh the beads for their smoothed displacement (n, 2) in the image.
 
         Return the azimuth, rad, of the centre of gravity of the squared displacement that the weights
         interpolate to.
         """
         np.copyto(self._displacement_px, displacement_px)
         self._weigh(self._struct)
-        x, y = self._gravity.tolist()
-        return math.atan2(y, x)
+        return self._azimuth_rad()
+
+    def weigh_exact(self, displacement_px: Array) -> float:
+        """The same for the measured displacement (n, 2) of beads that are all exact."""
+        np.copyto(self._displacement_px, displacement_px)
+        self._weigh_exact(self._struct)
+        return self._azimuth_rad()
 
     def give_weights(self, weights: Array) -> None:
         """Take the beads' weights (n, 3) in F from elsewhere."""
@@ -122,3 +147,7 @@ class CanonicalFieldKernel:
         """
         self._values_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
         return self._values.copy()
+
+    def _azimuth_rad(self) -> float:
+        x, y = self._gravity.tolist()
+        return math.atan2(y, x)

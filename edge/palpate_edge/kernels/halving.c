@@ -6,6 +6,7 @@ typedef uint8_t byte16 __attribute__((vector_size(16)));
 typedef uint16_t short16 __attribute__((vector_size(32)));
 
 enum { AT_ONCE = 4 }; /* pixels that are made of 24 bytes of two rows */
+enum { LINE = 64 };    /* bytes that memory gives at once */
 enum { BLOCK = 8 };   /* columns that are made together */
 
 static byte16 load_16(const uint8_t *bytes) {
@@ -83,8 +84,15 @@ static void halve_colours(const struct halving *p, int32_t row, int32_t from, in
 static void halve_grey(const struct halving *p, int32_t row, int32_t from, int32_t to) {
     const uint8_t *upper = p->image + 2 * row * p->stride, *lower = upper + p->stride;
     uint8_t *small = p->small + (int64_t)row * p->width;
-    for (int32_t x = from; x < to; x++)
-        small[x] = (uint8_t)((upper[2 * x] + upper[2 * x + 1] + lower[2 * x] + lower[2 * x + 1] + 2) >> 2);
+    const int64_t next = row + 1 < p->height ? 2 * p->stride : 0;
+    for (int32_t x = from; x < to; x += LINE / 2) {
+        const int32_t end = x + LINE / 2 < to ? x + LINE / 2 : to;
+        __builtin_prefetch(upper + next + 2 * x);
+        __builtin_prefetch(lower + next + 2 * x);
+        for (int32_t i = x; i < end; i++)
+            small[i] =
+                (uint8_t)((upper[2 * i] + upper[2 * i + 1] + lower[2 * i] + lower[2 * i + 1] + 2) >> 2);
+    }
 }
 
 static void halve(const struct halving *p, int32_t row, int32_t from, int32_t to) {

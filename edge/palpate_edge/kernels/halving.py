@@ -37,7 +37,7 @@ class HalvedImage:
         self.address = ctypes.addressof(self._struct)
         self._begin, self._complete = (kernel(f"halving_{name}", POINTER) for name in ("begin", "complete"))
         self._byref = ctypes.byref(self._struct)
-        self._layout, self._weights = None, NO_COLOUR
+        self._layout: tuple[object, ...] = ()
         self._allocate((0, 0))
 
     def begin(self, image: Image, weights: tuple[float, float, float] = NO_COLOUR) -> None:
@@ -45,9 +45,10 @@ class HalvedImage:
 
         Raises TypeError for an image that is not of bytes, or whose pixels do not lie side by side.
         """
-        layout = image.shape, image.strides, image.dtype
-        if layout != self._layout or weights != self._weights:
+        layout = image.shape, image.strides, image.dtype, weights
+        if layout != self._layout:
             self._lay_out(image, weights)
+            self._layout = layout
         self._image = image
         self._struct.image = image.__array_interface__["data"][0]
         self._begin(self._byref)
@@ -70,7 +71,6 @@ class HalvedImage:
         struct.height, struct.width, struct.colours = height, width, COLOURS if is_coloured else 1
         struct.weights[:] = weights
         struct.stride = image.strides[0]
-        self._layout, self._weights = (image.shape, image.strides, image.dtype), weights
 
     def _allocate(self, shape: tuple[int, ...]) -> None:
         self.small: Image = np.zeros(shape, np.uint8)

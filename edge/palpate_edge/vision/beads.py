@@ -94,4 +94,4 @@ class Beads(msgspec.Struct, frozen=True, dict=True):
         """Weight (n,) of each bead in a mean over beads: 0 where it was not found, 1 where it is exact."""
         if self.noise is None:
             return self.found.astype(np.float64)
-        return np.where(self.found, 1.0 / self.noise.astype(np.float64) ** 2, 0.0)
+        return np.asarray(self.found / np.square(self.noise, dtype=np.float64))

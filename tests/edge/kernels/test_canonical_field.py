@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.kernels.canonical_field import CanonicalFieldKernel
+from palpate_edge.kernels.canonical_field import CanonicalFieldKernel, FieldNoise
 
 BEADS, DIRECTIONS, LENGTH, NOISE = 30, 19, 0.45, 1e-3
 RANDOM = np.random.default_rng(2)
@@ -33,11 +33,12 @@ MM_PER_PX = RANDOM.standard_normal((BEADS, 3, 2))
 COVARIANCE = matern(UNIT, UNIT)
 INVERSE = np.linalg.inv(COVARIANCE + NOISE * np.eye(BEADS))
 MOVED_PX = RANDOM.standard_normal((BEADS, 2))
+FIELD_NOISE = FieldNoise(NOISE, 0.02, 16.0, 0.1)
 WEIGHTS = INVERSE @ np.einsum("nij,nj->ni", MM_PER_PX, MOVED_PX)
 
 
 def field():
-    return CanonicalFieldKernel(AT, TANGENTS, UNIT, MM_PER_PX, INVERSE, bead_noise=NOISE, length=LENGTH)
+    return CanonicalFieldKernel(AT, TANGENTS, UNIT, MM_PER_PX, COVARIANCE, FIELD_NOISE, length=LENGTH)
 
 
 def turned(azimuth_rad):
@@ -57,6 +58,22 @@ def test_the_azimuth_is_that_of_the_squared_displacement():
     smooth = COVARIANCE @ WEIGHTS
     x, y, _ = (smooth**2).sum(axis=1) @ UNIT
     assert field().weigh(MOVED_PX) == pytest.approx(math.atan2(y, x), abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.05, 0.0])
+def test_the_noise_of_exact_beads_is_over_the_frames_displacement(size):
+    """By the covariance's inverse with that noise on its diagonal, in place of its modes."""
+    moved_mm = np.einsum("nij,nj->ni", MM_PER_PX, size * MOVED_PX)
+    square = (moved_mm**2).sum(axis=1).mean()
+    noise = NOISE + 16.0 * 0.02 / max(square - 0.02, 0.1 * square, 1e-12)
+    weights = np.linalg.inv(COVARIANCE + noise * np.eye(BEADS)) @ moved_mm
+    x, y, _ = ((COVARIANCE @ weights) ** 2).sum(axis=1) @ UNIT
+    reader, other = field(), field()
+    assert reader.weigh_exact(size * MOVED_PX) == pytest.approx(math.atan2(y, x), abs=1e-9)
+    other.give_weights(weights)
+    for one in (reader, other):
+        one.turn(0.4)
+    np.testing.assert_allclose(reader.values(0.4), other.values(0.4), rtol=1e-5, atol=1e-12)
 
 
 @pytest.mark.parametrize("given_by", ["displacement", "weights"])
@@ -85,4 +102,4 @@ def test_any_displacement_is_computed_with(value, azimuth_rad, place):
 
 def test_geometry_of_other_beads_is_refused():
     with pytest.raises(ValueError, match="does not fit"):
-        CanonicalFieldKernel(AT, TANGENTS, UNIT, MM_PER_PX[1:], INVERSE, bead_noise=NOISE, length=LENGTH)
+        CanonicalFieldKernel(AT, TANGENTS, UNIT, MM_PER_PX[1:], COVARIANCE, FIELD_NOISE, length=LENGTH)
