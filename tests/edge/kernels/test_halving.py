@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.vision.subpixel import Refiner
+from palpate_edge.vision.symmetric_fit import SymmetricFit
 
 WEIGHTS = (0.5, -1.0, 0.25)
 
@@ -52,6 +53,20 @@ def test_pixels_are_made_as_they_are_read(places: list[tuple[float, float]], is_
     at_once = msgspec.structs.astuple(refiner.centroids(np.array(places)))
     for part, expected in zip(msgspec.structs.astuple(in_parts), at_once, strict=True):
         np.testing.assert_array_equal(part, expected)
+
+
+@given(st.lists(st.tuples(st.floats(-50, 200), st.floats(-50, 200)), min_size=1, max_size=5))
+def test_the_symmetric_fit_reads_only_pixels_that_are_made(places: list[tuple[float, float]]) -> None:
+    image = np.random.default_rng(5).integers(0, 256, (90, 140, 3), dtype=np.uint8)
+    fit = SymmetricFit(np.full(len(places), 14.0), np.full(len(places), 40.0))
+    reader = HalvedImage()
+    for _ in range(2):  # the second image has the memory of the first one
+        image = 255 - image
+        reader.begin(image, WEIGHTS)
+        fit.load_halved(reader)
+        in_parts = fit.measure(np.array(places))
+    fit.load(image)
+    np.testing.assert_array_equal(in_parts.position_px, fit.measure(np.array(places)).position_px)
 
 
 def test_memory_is_reused_and_follows_the_size() -> None:
