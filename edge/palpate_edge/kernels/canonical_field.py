@@ -34,20 +34,21 @@ _POINTERS = (
 
 
 class FieldNoise(NamedTuple):
-    """bead: variance of a bead's place, relative to the field's. The others are of displacements that are not
-    smoothed: mm2: variance of a bead's place on the sphere, 0 where it is unknown; weight: of that variance;
-    least_signal: of a frame's mean square displacement, the rest is noise at most."""
+    """bead_noise: variance of a bead's place, relative to the field's. The others are of displacements that
+    are not smoothed: noise_mm2: variance of a bead's place on the sphere, 0 where it is unknown;
+    noise_weight: of that variance; least_signal: of a frame's mean square displacement, the rest is noise at
+    most."""
 
-    bead: float
-    mm2: float
-    weight: float
+    bead_noise: float
+    noise_mm2: float
+    noise_weight: float
     least_signal: float
 
 
 class _CanonicalField(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_int32) for name in ("beads", "padded_beads", "directions")),
-        *((f"{name}_noise", ctypes.c_double) for name in FieldNoise._fields),
+        *((name, ctypes.c_double) for name in FieldNoise._fields),
         *((name, POINTER) for name in _POINTERS),
     ]
 
@@ -91,7 +92,7 @@ class CanonicalFieldKernel:
         doubles = {
             "unit": np.ascontiguousarray(unit),
             "mm_per_px": np.ascontiguousarray(mm_per_px),
-            "inverse": np.linalg.inv(covariance + noise.bead * np.eye(beads)),
+            "inverse": np.linalg.inv(covariance + noise.bead_noise * np.eye(beads)),
             "modes": np.ascontiguousarray(modes),
             "variances": variances,
             "displacement_px": self._displacement_px,

@@ -55,7 +55,8 @@ static int is_predicted_bead(const struct fitted_beads *s, int32_t bead, double 
 static int is_beside(const struct fitted_beads *s, int32_t bead) {
     for (int32_t other = 0; other < s->beads; other++) {
         if (other != bead && s->found[other] &&
-            !(squared_between(s->fit->centre + 2 * bead, s->fit->centre + 2 * other) > s->min_apart_squared))
+            !(squared_between(s->fit->position_px + 2 * bead, s->fit->position_px + 2 * other) >
+              s->min_apart_squared))
             return 1;
     }
     return 0;
@@ -68,11 +69,11 @@ KERNEL int fit_beads(const struct fitted_beads *s, int32_t accepts_lost) {
     for (int32_t bead = 0; bead < s->beads; bead++) {
         fit->which[bead] = bead;
         for (int a = 2 * bead; a < 2 * bead + 2; a++)
-            fit->centre[a] = (s->position_px[a] - 0.5 * (s->binning - 1)) / s->binning;
+            fit->position_px[a] = (s->position_px[a] - 0.5 * (s->binning - 1)) / s->binning;
     }
     symmetric_fit_measure(fit, s->beads);
     for (int32_t bead = 0; bead < s->beads; bead++) {
-        double *centre = fit->centre + 2 * bead;
+        double *centre = fit->position_px + 2 * bead;
         centre[0] = in_pixels(s, centre[0]);
         centre[1] = in_pixels(s, centre[1]);
         const double squared = squared_between(centre, s->position_px + 2 * bead);
@@ -94,8 +95,8 @@ KERNEL int fit_beads(const struct fitted_beads *s, int32_t accepts_lost) {
             s->noise[bead] = 1.0f;
             continue;
         }
-        s->position_px[2 * bead] = fit->centre[2 * bead];
-        s->position_px[2 * bead + 1] = fit->centre[2 * bead + 1];
+        s->position_px[2 * bead] = fit->position_px[2 * bead];
+        s->position_px[2 * bead + 1] = fit->position_px[2 * bead + 1];
     }
     return 0;
 }

@@ -153,7 +153,7 @@ static struct products measure_products(const struct symmetric_fit *fit, struct 
     int32_t index[MOST_SAMPLES];
     float right[MOST_SAMPLES], below[MOST_SAMPLES];
     struct products out;
-    place_samples(fit, image, centre, fit->diameter[bead], index, right, below);
+    place_samples(fit, image, centre, fit->diameter_px[bead], index, right, below);
     if (image.colours == 1) {
         multiply_greys(fit, image, fit->kind[bead], index, right, below, &out);
     } else {
@@ -255,10 +255,10 @@ KERNEL int symmetric_fit_measure(const struct symmetric_fit *fit, int32_t count)
     const double far_squared = (double)fit->far_step * fit->far_step;
     for (int i = 0; i < count; i++) {
         const int bead = fit->which[i];
-        double *centre = fit->centre + 2 * i;
+        double *centre = fit->position_px + 2 * i;
         for (int round = 0; round < fit->rounds; round++) {
             const struct measured found = measure_step(fit, image, bead, centre);
-            const double x = found.step[0], y = found.step[1], diameter = fit->diameter[bead];
+            const double x = found.step[0], y = found.step[1], diameter = fit->diameter_px[bead];
             centre[0] += x * diameter;
             centre[1] += y * diameter;
             fit->sigma[i] = found.sigma;

@@ -19,7 +19,7 @@ struct symmetric_fit {
     float noise, least_variation, clipped_grey, clipped_sigma, clipped_share, max_step, far_step;
     float reach;              /* of the samples, bead diameters */
     const float *grid;        /* (2, padded_samples), bead diameters */
-    const float *diameter;    /* (beads), pixels of the image that is read */
+    const float *diameter_px; /* (beads), pixels of the image that is read */
     const float *weights;     /* (channels, 3) of B, G, R; not read for grey images */
     const int32_t *kind;      /* (beads), of the rows and the samples that are a bead's own */
     const float *own;         /* (kinds, padded_samples), 1 or 0 */
@@ -27,7 +27,7 @@ struct symmetric_fit {
     const float *per_freedom; /* (beads) */
     const float *motion_gram; /* (beads, 3, PROFILES, PROFILES), for xx, xy and yy */
     int32_t *which;     /* (beads), the beads that are measured, and what is known of them: */
-    double *centre, *sigma;   /* (beads, 2), before and after; (beads) */
+    double *position_px, *sigma;   /* (beads, 2), before and after; (beads) */
     float *explained, *clipped; /* (beads) */
 };
 
