@@ -1,4 +1,4 @@
-"""Each structure that Python gives to the kernels has the fields of one in C, in its order and of its types."""
+"""Each structure that Python gives to the kernels has the fields of one in C, in its order and types."""
 
 from __future__ import annotations
 
