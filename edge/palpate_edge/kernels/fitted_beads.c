@@ -23,19 +23,10 @@ static double in_pixels(const struct fitted_beads *s, double place) {
 
 /* Put beads that were not found where their neighbours predict them. */
 static void predict_lost(const struct fitted_beads *s) {
-    struct neighbourhood *neighbours = s->neighbours;
-    int32_t missing = 0;
-    for (int32_t bead = 0; bead < s->beads; bead++) {
+    const struct neighbourhood *neighbours = s->neighbours;
+    const int32_t missing = predict_missing(neighbours, s->position_px, s->found);
+    for (int32_t bead = 0; bead < s->beads; bead++)
         s->lost[bead] = !s->found[bead];
-        neighbours->found[bead] = s->found[bead];
-        neighbours->position_px[2 * bead] = s->position_px[2 * bead];
-        neighbours->position_px[2 * bead + 1] = s->position_px[2 * bead + 1];
-        if (s->lost[bead])
-            neighbours->missing[missing++] = bead;
-    }
-    if (!missing)
-        return;
-    neighbourhood_predict(neighbours, missing);
     for (int32_t i = 0; i < missing; i++) {
         const int64_t bead = neighbours->missing[i];
         s->position_px[2 * bead] = neighbours->predicted_px[2 * i];

@@ -51,3 +51,18 @@ KERNEL int neighbourhood_predict(const struct neighbourhood *p, int32_t count) {
     }
     return 0;
 }
+
+/* Write where the found beads (n) at their places (n, 2) predict the others; return how many those are. */
+int32_t predict_missing(const struct neighbourhood *p, const double *position_px, const uint8_t *found) {
+    int32_t missing = 0;
+    for (int32_t bead = 0; bead < p->beads; bead++) {
+        p->position_px[2 * bead] = position_px[2 * bead];
+        p->position_px[2 * bead + 1] = position_px[2 * bead + 1];
+        p->found[bead] = found[bead];
+        if (!found[bead])
+            p->missing[missing++] = bead;
+    }
+    if (missing)
+        neighbourhood_predict(p, missing);
+    return missing;
+}

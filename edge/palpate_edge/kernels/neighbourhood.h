@@ -18,6 +18,6 @@ struct neighbourhood {
     double *predicted_px;       /* (n, 2) result: places of the missing beads */
 };
 
-int neighbourhood_predict(const struct neighbourhood *p, int32_t count);
+int32_t predict_missing(const struct neighbourhood *p, const double *position_px, const uint8_t *found);
 
 #endif

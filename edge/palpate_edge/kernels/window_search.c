@@ -108,22 +108,6 @@ static int is_there(const struct window_search *s, int32_t bead) {
     return s->contrast_share[bead] > s->min_contrast_share;
 }
 
-/* Write where the found beads predict the others, and return how many there are; the neighbours' list has
- * their numbers. */
-static int32_t predict_missing(const struct window_search *s) {
-    struct neighbourhood *neighbours = s->neighbours;
-    int32_t missing = 0;
-    for (int32_t bead = 0; bead < s->beads; bead++) {
-        neighbours->position_px[2 * bead] = s->position_px[2 * bead];
-        neighbours->position_px[2 * bead + 1] = s->position_px[2 * bead + 1];
-        neighbours->found[bead] = s->found[bead];
-        if (!s->found[bead])
-            neighbours->missing[missing++] = bead;
-    }
-    neighbourhood_predict(neighbours, missing);
-    return missing;
-}
-
 /* Measure the beads that were off the centres of their first windows, and the faint ones where the others
  * predict them. found: which first windows showed a bead. */
 static void go_on(const struct window_search *s, int32_t faint) {
@@ -153,7 +137,7 @@ static void go_on(const struct window_search *s, int32_t faint) {
             add_start(s, &count, bead, s->position_px + 2 * bead);
     }
     const struct neighbourhood *neighbours = s->neighbours;
-    const int32_t missing = predict_missing(s);
+    const int32_t missing = predict_missing(neighbours, s->position_px, s->found);
     for (int32_t i = 0; i < missing; i++) {
         const int32_t bead = (int32_t)neighbours->missing[i];
         const double *predicted = neighbours->predicted_px + 2 * i;
@@ -209,7 +193,7 @@ static int is_faint_and_off(const struct window_search *s, int32_t bead, const d
 /* Look for the beads that were not found where the others predict them. */
 KERNEL int window_search_missing(const struct window_search *s, float max_glare) {
     const struct neighbourhood *neighbours = s->neighbours;
-    const int32_t missing = predict_missing(s);
+    const int32_t missing = predict_missing(neighbours, s->position_px, s->found);
     int32_t off = 0;
     for (int32_t i = 0; i < missing; i++) {
         const int32_t bead = (int32_t)neighbours->missing[i];
