@@ -126,9 +126,14 @@ class CentroidFinder:
         self.struct.plane = _Plane(None, pixels, is_bytes, *plane.shape)
 
     def load_halved(self, image: HalvedImage) -> None:
-        """Take the plane of an image at half the resolution, whose pixels are made as they are read."""
+        """Take the plane of an image at half the resolution, whose pixels are made as they are read.
+
+        Raises ValueError for one without pixels.
+        """
         if self._source is image and self._plane is image.plane:
             return
+        if not image.plane.size:
+            raise ValueError(f"a plane of shape {image.plane.shape} shows no bead")
         self._plane, self._source = image.plane, image
         pixels = address(self._plane, self._plane.dtype.type)
         is_bytes = self._plane.dtype == np.uint8

@@ -89,6 +89,18 @@ def test_rows_of_a_part_of_an_image_are_read_where_they_are() -> None:
     assert np.array_equal(whole(part)[0], halves(part))
 
 
+def test_an_image_without_two_rows_is_refused_by_its_readers() -> None:
+    refiner, fit = Refiner(np.full(2, 14.0)), SymmetricFit(np.full(2, 14.0), np.full(2, 40.0))
+    reader = HalvedImage()
+    for image in (None, np.zeros((1, 40, 3), np.uint8)):
+        if image is not None:
+            reader.begin(image, WEIGHTS)
+        with pytest.raises(ValueError, match="shows no bead"):
+            refiner.load_halved(reader)
+        with pytest.raises(ValueError, match="shows no bead"):
+            fit.load_halved(reader)
+
+
 @pytest.mark.parametrize(
     "image",
     [np.zeros((4, 8), np.uint8)[:, ::2], np.zeros((4, 4, 2), np.uint8), np.zeros((4, 4, 3), np.float32)],
