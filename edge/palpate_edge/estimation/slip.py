@@ -17,9 +17,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import islice, takewhile
+from itertools import islice
 from operator import mul
-from statistics import fmean
 
 import msgspec
 
@@ -63,8 +62,8 @@ class SlipDetector:
         self._past.append(_SeenContact(contact.exposed_at_us, position, radius_mm, ratio))
         while contact.exposed_at_us - self._past[0].exposed_at_us > WINDOW_US:
             self._past.popleft()
-        count = self._frames_of_a_mean()
-        if fmean(seen.force_ratio for seen in islice(reversed(self._past), count)) < MIN_FORCE_RATIO:
+        count, mean_ratio = self._recent_ratio()
+        if mean_ratio < MIN_FORCE_RATIO:
             while len(self._past) > count:
                 self._past.popleft()
             return False  # most contacts end here, before anything slower
@@ -78,11 +77,17 @@ class SlipDetector:
         along: float = sum(map(mul, travel, tangential))
         return along >= MIN_COSINE * travel_mm * math.hypot(*tangential)
 
-    def _frames_of_a_mean(self) -> int:
-        """Return the number of the last frames within `MEAN_US`, at least `LEAST_FRAMES`, known or not."""
+    def _recent_ratio(self) -> tuple[int, float]:
+        """Return the number of the last frames within `MEAN_US`, at least `LEAST_FRAMES`, known or not, and
+        the mean force ratio of those known."""
         since_us = self._past[-1].exposed_at_us - MEAN_US
-        recent = sum(1 for _ in takewhile(lambda seen: seen.exposed_at_us >= since_us, reversed(self._past)))
-        return max(recent, LEAST_FRAMES)
+        count, total = 0, 0.0
+        for seen in reversed(self._past):
+            if count >= LEAST_FRAMES and seen.exposed_at_us < since_us:
+                break
+            count += 1
+            total += seen.force_ratio
+        return max(count, LEAST_FRAMES), total / count
 
     def _travel_mm(self, count: int) -> Vector3:
         """Return the travel over the skin within the window, between means of `count` frames."""
