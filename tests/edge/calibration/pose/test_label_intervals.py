@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from palpate_edge.calibration.pose.regression.kernel_regression import fit
-from palpate_edge.calibration.pose.regression.label_regression import fit_labels
-from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner, matern
+from palpate_edge.calibration.pose.regression.label_regression import errors_of_choice, fit_labels
+from palpate_edge.estimation.pose.kernel_expansion import ExpansionRunner, matern, packed
+from palpate_edge.estimation.pose.label_runner import LabelRunner
 
 NORMAL_95 = 1.96
 LABELS = ("depth_mm", "torsion_deg")
@@ -48,6 +51,52 @@ def test_noise_that_grows_with_the_displacement_gives_half_widths_that_follow():
     assert torsion_deg[-1] > 3.0 * torsion_deg[0]
     ratio = torsion_deg / (NORMAL_95 * torsion_noise_deg(places))
     assert np.median(ratio) == pytest.approx(1.0, abs=0.25)
+
+
+def test_a_metric_that_is_hard_to_learn_does_not_make_half_widths_much_too_large():
+    """The label hangs on weak coordinates, so that errors of presses the metric has not seen grow with the
+    number of these: half widths of 400 presses judged by halves were 1.7 times the errors on fresh ones."""
+    size, ratios = 2.0 ** (-np.arange(40) / 4), []
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        drawn, noise = random.standard_normal((1400, 40)), random.standard_normal(1400)
+        depth_mm = np.sin(drawn[:, 8:11] @ (1.0, 0.7, 0.5)) + 0.3 * drawn[:, 0] + 0.02 * noise
+        points = drawn * size
+        fitted = fit_labels(points[:400], size**2, depth_mm[:400, None], ("depth_mm",))
+        runner = LabelRunner(
+            SimpleNamespace(
+                labels=("depth_mm",),
+                centres=packed(points[:400]),
+                groups=fitted.groups,
+                local=fitted.local,
+                networks=fitted.networks,
+                correction=None,
+                half_widths=fitted.half_widths,
+            )
+        )
+        fresh = points[400:].astype(np.float32)
+        error = np.abs([runner.at(point)[0] for point in fresh] - depth_mm[400:])
+        half_width = np.median([runner.half_widths_at(point)[0] for point in fresh])
+        ratios.append(half_width / np.quantile(error, 0.95))
+    assert 0.9 < np.mean(ratios) < 1.45
+
+
+def test_errors_of_a_choice_are_not_the_least_by_chance():
+    """Candidates that are equally good have the same mean error, the one chosen has not less."""
+    random = np.random.default_rng(4)
+    of_all, of_least, of_choice = [], [], []
+    for _ in range(200):
+        errors = list(np.abs(random.standard_normal((6, 50, 1))))
+        of_all.append(np.mean(errors))
+        of_least.append(min(error.mean() for error in errors))
+        of_choice.append(errors_of_choice(errors).mean())
+    assert np.mean(of_least) < 0.9 * np.mean(of_all)
+    assert np.mean(of_choice) == pytest.approx(np.mean(of_all), rel=0.05)
+
+
+def test_errors_of_a_choice_are_those_of_a_candidate_that_is_better():
+    errors = [np.full((30, 2), 2.0), np.ones((30, 2))]
+    np.testing.assert_array_equal(errors_of_choice(errors), errors[1])
 
 
 def test_predictions_in_parts_are_those_of_fits_without_that_part():
