@@ -192,9 +192,12 @@ def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
     from palpate_edge.calibration.training.kernel_ridge import FEWEST_PRESSES  # noqa: PLC0415
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
-    if measured.is_inexact and len(training_presses(measured)) >= FEWEST_PRESSES:
+    presses = training_presses(measured)
+    taught = len(presses) >= FEWEST_PRESSES
+    if measured.is_inexact and taught:
         return dome
-    return seen_by(_reader(sensor, measured), measured.view, dome.for_markers(sensor.markers.radius_mm))
+    of_size = dome.for_markers(sensor.markers.radius_mm)
+    return seen_by(_reader(sensor, measured), measured.view, of_size, presses if taught else ())
 
 
 def _adjusted(

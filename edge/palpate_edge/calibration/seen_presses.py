@@ -4,15 +4,17 @@ A bead that a contact pushes inwards seems to move along the dome, by more the m
 at it: the same press has another displacement field before a close fisheye lens than before a distant camera.
 Beads that lie far apart smooth the field, and beads missing near the base cut it off. The fields of the dome
 model are a mixture over one kind of camera. Its presses in three dimensions are projected here by the
-sensor's own view, at its own beads.
+sensor's own view, at its own beads, whose places are off as in the sensor's pictures.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from palpate_edge.calibration.bead_errors import bead_errors
 from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses, TwistedPresses
 from palpate_edge.calibration.training.samples import TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
@@ -23,17 +25,29 @@ from palpate_edge.vision.beads import Beads
 
 NOISE_PX = 0.02  # of the beads' places, here and in the dome model
 RIDGE = 1e-6  # of the interpolation between the points
+ERROR_SHARE = 0.5  # of the beads' errors; all of them made forces worse with 200 presses (7202, 7207)
 GOLDEN_TURN_RAD = np.pi * (3 - 5**0.5)  # from one press to the next: azimuths that repeat nowhere
 
 
-def seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeModel:
+def seen_by(
+    reader: DisplacementReader, view: View, dome: DomeModel, own: Sequence[TrainingPress] = ()
+) -> DomeModel:
     """Return the dome model with fields as the sensor shows them; unchanged without solid presses.
 
-    reader, view: of the sensor; dome: of its size.
+    reader, view: of the sensor; dome: of its size; own: presses of the sensor, which show how far its beads'
+    places are off.
     """
     if dome.solid is None:
         return dome
     presses = _presses(reader, view, dome.solid, dome.markers_radius_mm)
+    seen = _with_presses(dome, reader, presses)
+    if not own:
+        return seen
+    errors = ERROR_SHARE * bead_errors(reader, own, seen.fields)
+    return _with_presses(dome, reader, _misplaced(reader, presses, errors))
+
+
+def _with_presses(dome: DomeModel, reader: DisplacementReader, presses: list[TrainingPress]) -> DomeModel:
     samples = make_samples(reader, presses, copies=1, vary_all=True)
     twisted = None
     if samples.torsions_Nmm is not None:
@@ -46,6 +60,19 @@ def seen_by(reader: DisplacementReader, view: View, dome: DomeModel) -> DomeMode
         twisted=twisted,
         is_seen=True,
     )
+
+
+def _misplaced(
+    reader: DisplacementReader, presses: list[TrainingPress], errors: Array
+) -> list[TrainingPress]:
+    """Return the presses with errors of the beads' places: standard deviations (n,) over the displacement."""
+    rng, misplaced = np.random.default_rng(1), []
+    for press in presses:
+        moved_px = reader.displacement_px(press.beads)
+        sigma_px = np.sqrt((moved_px**2).mean()) * errors[:, None]
+        place_px = press.beads.position_px + sigma_px * rng.standard_normal(moved_px.shape)
+        misplaced.append(replace(press, beads=Beads.from_positions(place_px, press.beads.found)))
+    return misplaced
 
 
 def _presses(

@@ -45,6 +45,7 @@ ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of t
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
+VARIED_NOISE = 4.0  # of turned copies and those with hidden beads, over a plain one's
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
@@ -248,13 +249,13 @@ def _fit_own(
 
     points (s, q) of the samples; given (s, 6): targets by the dome model, None without one.
     All settings take part, those the most that predict left-out presses best: the best one alone is a matter
-    of chance with few presses. The ridge is the noise of a firm press; that of a faint one is as many times
-    as large as its error may be (motion.faintness), squared.
+    of chance with few presses. The ridge is the noise of a firm press as it was measured; that of a faint
+    one is as many times as large as its error may be (motion.faintness), squared.
     """
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if given is None else given
-    noise = np.diag(samples.faintness**2)
+    noise = np.diag(samples.faintness**2 * np.where(samples.plain, 1.0, VARIED_NOISE))
     fitted, held_out = [], []
     for length in LENGTHS:
         gram = gaussian_kernel(points, points, length)
