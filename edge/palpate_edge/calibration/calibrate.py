@@ -16,7 +16,7 @@ from palpate_edge.calibration.measurement import Measured, measure
 from palpate_edge.calibration.mounting import check_mounting, find_mounting
 from palpate_edge.calibration.training.dome_model import DomeModel
 from palpate_edge.datasets.press_dataset import Press, PressDataset
-from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, JigErrors
+from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, FittedBead, JigErrors
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
 from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
 from palpate_edge.estimation.displacement_field import DisplacementReader
@@ -70,6 +70,7 @@ def calibrate(
     if dome is not None and not dataset.sensor.markers.rings:
         measured, open_rad = _rolled(dataset.sensor, dome, measured)
     if dome is not None:
+        measured = _with_fitted_beads(dataset, dome, measured)
         dome = _seen(dataset.sensor, dome, measured)
         measured, dome, jig = _adjusted(dataset.sensor, dome, measured)
         if jig is not None and jig.used:
@@ -95,11 +96,19 @@ def calibrate(
         fit_sigma_px=msgspec.UNSET if reference.fit_sigma_px is None else reference.fit_sigma_px,
         fit_channels=msgspec.UNSET if reference.fit_channels == COLOUR_FIT else reference.fit_channels,
         fit_light=msgspec.UNSET if reference.fit_light == SLOPED_LIGHT else reference.fit_light,
+        fitted_beads=_fitted_beads(reference),
         bead_noise_px=measured.bead_noise_px,
         typical=msgspec.UNSET if typical is None else typical,
         contact_fields=trained.contact_fields,
         place_stiffness=trained.place_stiffness,
     )
+
+
+def _fitted_beads(reference: Reference) -> tuple[FittedBead, ...] | msgspec.UnsetType:
+    if reference.fit_offset_px is None:
+        return msgspec.UNSET
+    offsets = enumerate(reference.fit_offset_px.tolist())
+    return tuple(FittedBead(bead, x_px, y_px) for bead, (x_px, y_px) in offsets if math.isfinite(x_px))
 
 
 def _source(
@@ -181,6 +190,12 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measur
     roll = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
     open_rad = math.hypot(roll.sigma_rad, PRIOR_SIGMA[-1])
     return turned(measured, sensor, rotation_about_z(roll.angle_rad)), open_rad
+
+
+def _with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured) -> Measured:
+    from palpate_edge.calibration.fitted_beads import with_fitted_beads  # noqa: PLC0415 - extra `train`
+
+    return with_fitted_beads(dataset, dome.for_markers(dataset.sensor.markers.radius_mm), measured)
 
 
 def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:

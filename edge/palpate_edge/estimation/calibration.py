@@ -47,6 +47,14 @@ class DroppedPresses(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frames: tuple[str, ...]
 
 
+class FittedBead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A bead whose place is measured by its symmetry, and how far that is from its centroid at rest."""
+
+    bead: int
+    x_px: float
+    y_px: float
+
+
 class RegionErrors(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Errors of presses left out in turn, from low_deg to high_deg above the base plane.
 
@@ -109,10 +117,11 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model's, None without presses of known force (then no force is estimated); fit_sigma_px: see
     beads.Reference, unset where places are centroids; bead_noise_px: standard deviation of an exact bead's
     place along an axis; fit_channels, fit_light: see beads.Reference, unset for colour and for sloped light
-    (all four are unset in older files); typical: by which the beads' displacement is smoothed before the
-    correction model, unset in older files, whose model is of displacements as measured; contact_fields: by
-    which its place is improved, and place_stiffness: by which its force is, both unset in older files and
-    where they do not help; checksum: over all other fields.
+    (all four are unset in older files); fitted_beads: those whose places are fitted though the others' are
+    centroids, unset without any; typical: by which the beads' displacement is smoothed before the correction
+    model, unset in older files, whose model is of displacements as measured; contact_fields: by which its
+    place is improved, and place_stiffness: by which its force is, both unset in older files and where they do
+    not help; checksum: over all other fields.
     """
 
     sensor: Sensor
@@ -129,6 +138,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     fit_sigma_px: float | msgspec.UnsetType = msgspec.UNSET
     fit_channels: FitChannels | msgspec.UnsetType = msgspec.UNSET
     fit_light: FitLight | msgspec.UnsetType = msgspec.UNSET
+    fitted_beads: tuple[FittedBead, ...] | msgspec.UnsetType = msgspec.UNSET
     bead_noise_px: float | msgspec.UnsetType = msgspec.UNSET
     typical: TypicalFields | msgspec.UnsetType = msgspec.UNSET
     contact_fields: ContactFields | msgspec.UnsetType = msgspec.UNSET
@@ -143,6 +153,11 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def reference(self) -> Reference:
         """Return the beads of the untouched sensor."""
+        fit_offset_px = None
+        if isinstance(self.fitted_beads, tuple):
+            fit_offset_px = np.full((len(self.beads), 2), np.nan)
+            for fitted in self.fitted_beads:
+                fit_offset_px[fitted.bead] = fitted.x_px, fitted.y_px
         return Reference(
             position_px=np.array([(bead.x_px, bead.y_px) for bead in self.beads]),
             diameter_px=np.array([bead.diameter_px for bead in self.beads]),
@@ -155,6 +170,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             fit_sigma_px=self.fit_sigma_px if isinstance(self.fit_sigma_px, float) else None,
             fit_channels=self.fit_channels if isinstance(self.fit_channels, str) else COLOUR_FIT,
             fit_light=self.fit_light if isinstance(self.fit_light, str) else SLOPED_LIGHT,
+            fit_offset_px=fit_offset_px,
         )
 
     @property

@@ -6,6 +6,8 @@ blob, only a faint ring.
 
 from __future__ import annotations
 
+import numpy as np
+
 from palpate_edge.common.arrays import Array, Floats, Image, Mask, median
 from palpate_edge.kernels.fitted_beads import FittedBeads, FittedLimits
 from palpate_edge.kernels.halving import HalvedImage
@@ -72,3 +74,36 @@ class BeadFit:
         found.
         """
         return self._beads.fit(position_px, found, accepts_lost=accepts_lost)
+
+
+class ChosenFit:
+    """Measures those beads of one reference by their symmetry that the calibration chose for it; the others'
+    places are centroids."""
+
+    def __init__(self, reference: Reference, offset_px: Array | None) -> None:
+        """offset_px: Reference.fit_offset_px."""
+        if offset_px is None:
+            offset_px = np.full_like(reference.position_px, np.nan)
+        self._beads = np.flatnonzero(np.isfinite(offset_px[:, 0]))
+        self._offset_px = offset_px[self._beads]
+        diameter_px, spacing_px = reference.diameter_px, reference.neighbourhood.spacing_px
+        self._fit = SymmetricFit(diameter_px, spacing_px, reference.fit_channels, reference.fit_light)
+        self._max_step_px = MAX_FIT_STEP * diameter_px[self._beads]
+
+    def load(self, image: Image) -> None:
+        """Take the image that is measured until the next one is loaded."""
+        self._fit.load(image)
+
+    def load_halved(self, image: HalvedImage) -> None:
+        """Take an image that is halved already."""
+        self._fit.load_halved(image)
+
+    def fit(self, position_px: Array, found: Mask) -> tuple[Array, Mask]:
+        """Return the places (n, 2) of beads at centroids (n, 2), and which (n,) of the `found` are clear."""
+        position_px, found = position_px.copy(), found.copy()
+        start_px = position_px[self._beads] + self._offset_px
+        fitted_px = self._fit.measure(start_px, self._beads).position_px
+        step = fitted_px - start_px
+        position_px[self._beads] = fitted_px
+        found[self._beads] &= np.vecdot(step, step) < self._max_step_px**2
+        return position_px, found

@@ -30,7 +30,8 @@ class Reference:
     position_px (n, 2); diameter_px, contrast, area (n,); shading: of the skin about the beads; unevenness
     (n,): see subpixel.Refined. The last two are None where only one frame is known. fit_sigma_px: median
     of symmetric_fit.Fitted.sigma_px; None where places are centroids; fit_channels, fit_light: of the
-    symmetric fit.
+    symmetric fit; fit_offset_px (n, 2): of the fitted place from the centroid, for beads that have a fitted
+    place though the others' are centroids, nan for the others; None without any.
     """
 
     position_px: Array
@@ -42,6 +43,7 @@ class Reference:
     fit_sigma_px: float | None = None
     fit_channels: FitChannels = COLOUR_FIT
     fit_light: FitLight = SLOPED_LIGHT
+    fit_offset_px: Array | None = None
 
     @cached_property
     def neighbourhood(self) -> Neighbourhood:

@@ -25,7 +25,7 @@ import numpy as np
 from palpate_edge.common.arrays import Array, Image, Plane, median
 from palpate_edge.kernels.halving import HalvedImage
 from palpate_edge.vision.appearance import Appearance, colour_weights, plane
-from palpate_edge.vision.bead_fit import BeadFit
+from palpate_edge.vision.bead_fit import BeadFit, ChosenFit
 from palpate_edge.vision.beads import Beads, Reference
 from palpate_edge.vision.blob_detection import BlobDetector
 from palpate_edge.vision.correspondence import Correspondence
@@ -67,6 +67,8 @@ class Tracker:
         self._blobs = BlobDetector(median(reference.diameter_px), min_strength, most, coarse=True)
         sigma_px = reference.fit_sigma_px
         self._fit = None if sigma_px is None else BeadFit(reference, sigma_px)
+        offset_px = reference.fit_offset_px
+        self._chosen_fit = None if offset_px is None else ChosenFit(reference, offset_px)
         self.counters = TrackingCounters()
         self.reset()
 
@@ -84,10 +86,11 @@ class Tracker:
         if image.ndim != COLOUR or appearance.channel == "grey" or self._windows.binning == 1:
             return self.follow(plane(image, appearance), image)
         self._halved.begin(image, colour_weights(appearance))
-        if self._fit is not None:
-            self._fit.load_halved(self._halved)
+        for fit in (self._fit, self._chosen_fit):
+            if fit is not None:
+                fit.load_halved(self._halved)
         self._windows.load_halved(self._halved)
-        return self._follow(self._fit, None)
+        return self._follow(self._fit, self._chosen_fit, None)
 
     def follow(self, dark: Plane, image: Image | None = None) -> Beads:
         """Return the beads of the next frame.
@@ -98,15 +101,21 @@ class Tracker:
         fit = self._fit if self._fit is not None and image is not None and self._fit.reads(image) else None
         if fit is not None and image is not None:
             fit.load(image)
-        if self._windows.binning == 1 or dark.dtype != np.uint8:
+        is_grey = dark.dtype == np.uint8
+        chosen = self._chosen_fit if image is not None else None
+        if self._windows.binning == 1 or not is_grey:
             self._windows.load(dark)
-            return self._follow(fit, dark)
+            if chosen is not None and image is not None:
+                chosen.load(cast(Image, dark) if is_grey else image)
+            return self._follow(fit, chosen, dark)
         self._halved.begin(cast(Image, dark))
         self._windows.load_halved(self._halved)
-        return self._follow(fit, None)
+        if chosen is not None:
+            chosen.load_halved(self._halved)
+        return self._follow(fit, chosen, None)
 
-    def _follow(self, fit: BeadFit | None, dark: Plane | None) -> Beads:
-        """Return the beads of the next frame, which fit and windows have; dark: None where it is halved."""
+    def _follow(self, fit: BeadFit | None, chosen: ChosenFit | None, dark: Plane | None) -> Beads:
+        """Return the beads of the next frame, which fits and windows have; dark: None where it is halved."""
         self._windows.allow_glare(allowed=fit is not None)
         labelling = self._in_windows()
         if labelling is None:
@@ -119,6 +128,9 @@ class Tracker:
             self._jumped, self._rest_shows = False, True
             beads = Beads.from_positions(*labelling)
             self._accepted_lost = min(self._accepted_lost, len(beads.lost))
+        if chosen is not None:
+            position_px, found = chosen.fit(beads.position_px, beads.found)
+            beads = Beads.from_positions(position_px, found, searched=beads.searched, doubt=beads.doubt)
         if fit is None:
             if (noise := self._windows.noise(beads.found)) is not None:
                 beads = msgspec.structs.replace(beads, noise=noise)
