@@ -64,15 +64,12 @@ def with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured
     error = bead_errors(reader(measured), training_presses(measured), fields)
     if np.linalg.norm(error) < LEAST_ERROR * math.sqrt(len(error)):
         return measured
-    every, best, least = np.ones(len(error), np.bool_), None, error
+    every, ways = np.ones(len(error), np.bool_), []
     for way in _ways(dataset, measured):
         fitted = _merged(measured, way, every)
-        fit_error = bead_errors(reader(fitted), training_presses(fitted), fields)
-        if best is None or np.minimum(fit_error, error).sum() < np.minimum(least, error).sum():
-            best, least = way, fit_error
-    if best is None:
-        return measured
-    chosen = (error > LEAST_ERROR) & (least < BETTER * error)
+        ways.append((way, bead_errors(reader(fitted), training_presses(fitted), fields)))
+    best, fitted_error = min(ways, key=lambda way: float(np.minimum(way[1], error).sum()))
+    chosen = (error > LEAST_ERROR) & (fitted_error < BETTER * error)
     chosen &= _times_found(best.touches) > LEAST_SEEN * _times_found([beads for _, beads in measured.touches])
     return _merged(measured, best, chosen) if chosen.any() else measured
 
