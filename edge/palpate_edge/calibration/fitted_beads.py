@@ -33,6 +33,7 @@ from palpate_edge.vision.symmetric_fit import FIT_CHANNELS
 FEWEST_PRESSES = 10  # by which beads are chosen
 BETTER = 0.9  # of a centroid's error
 LEAST_ERROR = 0.02  # of a press's root mean square displacement an axis: smaller errors do no harm
+LEAST_GAIN = 0.2  # of the squared errors of all beads; with less all beads stay centroids
 LEAST_SEEN = 0.95  # of the presses in which a centroid was found
 REST_ROUNDS = 4  # of the fit in reference frames, whose centroids may be far off
 
@@ -51,7 +52,7 @@ def with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured
     """Return the measurement with the places of some beads by symmetry, where that is better.
 
     dome: of the sensor's size. Unchanged where all places are fitted already, with few presses, and where the
-    errors of all beads together do no harm.
+    errors of all beads together do no harm or hardly become smaller.
     """
     if measured.reference.fit_sigma_px is not None or len(training_presses(measured)) < FEWEST_PRESSES:
         return measured
@@ -71,7 +72,9 @@ def with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured
     best, fitted_error = min(ways, key=lambda way: float(np.minimum(way[1], error).sum()))
     chosen = (error > LEAST_ERROR) & (fitted_error < BETTER * error)
     chosen &= _times_found(best.touches) > LEAST_SEEN * _times_found([beads for _, beads in measured.touches])
-    return _merged(measured, best, chosen) if chosen.any() else measured
+    left = np.where(chosen, fitted_error, error)
+    gains = left @ left <= (1.0 - LEAST_GAIN) * (error @ error)
+    return _merged(measured, best, chosen) if gains else measured
 
 
 def _ways(dataset: PressDataset, measured: Measured) -> list[_Way]:
