@@ -18,6 +18,7 @@ from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.estimation.displacement_field import DisplacementReader
 
 ROUNDS = 4  # the errors of a bead's neighbours are part of what it seems to be off
+HARMLESS = 0.02  # root mean square of the errors of all beads, or the error of one
 LARGEST = 1.0  # variance; a bead with more is of no use anyway
 
 
@@ -45,6 +46,11 @@ def bead_errors(reader: DisplacementReader, presses: Sequence[TrainingPress], fi
         variance = (weight * beyond).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-12)
         variance = np.clip(variance, 0.0, LARGEST)
     return np.sqrt(variance)
+
+
+def are_harmless(errors: Array) -> bool:
+    """Return whether errors (n,) of the beads' places are too small, together, to be reckoned with."""
+    return float(np.sqrt((errors**2).mean())) < HARMLESS
 
 
 def _beyond(moved: Array, scaled: Array, remainder: float, variance: Array, found: Mask) -> Array:

@@ -8,7 +8,6 @@ on whose error (bead_errors.py) is smaller.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from palpate_edge.calibration.bead_errors import bead_errors
+from palpate_edge.calibration.bead_errors import HARMLESS, are_harmless, bead_errors
 from palpate_edge.calibration.measurement import Measured
 from palpate_edge.calibration.seen_presses import seen_by
 from palpate_edge.calibration.training.dome_model import DomeModel
@@ -32,7 +31,6 @@ from palpate_edge.vision.symmetric_fit import FIT_CHANNELS
 
 FEWEST_PRESSES = 10  # by which beads are chosen
 BETTER = 0.9  # of a centroid's error
-LEAST_ERROR = 0.02  # of a press's root mean square displacement an axis: smaller errors do no harm
 LEAST_GAIN = 0.2  # of the squared errors of all beads; with less all beads stay centroids
 LEAST_SEEN = 0.95  # of the presses in which a centroid was found
 REST_ROUNDS = 4  # of the fit in reference frames, whose centroids may be far off
@@ -63,14 +61,14 @@ def with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured
 
     fields = seen_by(reader(measured), measured.view, dome).fields
     error = bead_errors(reader(measured), training_presses(measured), fields)
-    if np.linalg.norm(error) < LEAST_ERROR * math.sqrt(len(error)):
+    if are_harmless(error):
         return measured
     every, ways = np.ones(len(error), np.bool_), []
     for way in _ways(dataset, measured):
         fitted = _merged(measured, way, every)
         ways.append((way, bead_errors(reader(fitted), training_presses(fitted), fields)))
     best, fitted_error = min(ways, key=lambda way: float(np.minimum(way[1], error).sum()))
-    chosen = (error > LEAST_ERROR) & (fitted_error < BETTER * error)
+    chosen = (error > HARMLESS) & (fitted_error < BETTER * error)
     chosen &= _times_found(best.touches) > LEAST_SEEN * _times_found([beads for _, beads in measured.touches])
     left = np.where(chosen, fitted_error, error)
     gains = left @ left <= (1.0 - LEAST_GAIN) * (error @ error)

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate_edge.calibration.bead_errors import bead_errors
+from palpate_edge.calibration.bead_errors import are_harmless, bead_errors
 from palpate_edge.calibration.training.dome_model import DomeModel, SolidPresses, TwistedPresses
 from palpate_edge.calibration.training.samples import TrainingPress, make_samples
 from palpate_edge.common.arrays import Array
@@ -43,8 +43,10 @@ def seen_by(
     seen = _with_presses(dome, reader, presses)
     if not own:
         return seen
-    errors = ERROR_SHARE * bead_errors(reader, own, seen.fields)
-    return _with_presses(dome, reader, _misplaced(reader, presses, errors))
+    errors = bead_errors(reader, own, seen.fields)
+    if are_harmless(errors):
+        return seen
+    return _with_presses(dome, reader, _misplaced(reader, presses, ERROR_SHARE * errors))
 
 
 def _with_presses(dome: DomeModel, reader: DisplacementReader, presses: list[TrainingPress]) -> DomeModel:
