@@ -1,4 +1,4 @@
-"""How far each bead's place is off in pictures of contacts, learned from the sensor's own presses.
+"""Errors of single beads' places in pictures of contacts, learned from the sensor's own presses.
 
 Beads beside the dark edge of the opening, or amid the LEDs' reflections, are found as exactly as the others
 in reference frames, but not when they move. A press shows this: its beads move as some mixture of the dome

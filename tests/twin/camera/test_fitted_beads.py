@@ -75,6 +75,7 @@ def test_their_places_follow_the_skin(twin: Twin) -> None:
             counts = chosen & beads.found
             squares.append((number, float((off_px[counts] ** 2).mean())))
     by_centroid, by_fit = (np.mean([one for which, one in squares if which == number]) for number in (0, 1))
+    print(f"{chosen.sum()} beads: {by_centroid**0.5:.2f} px off as centroids, {by_fit**0.5:.2f} px as fitted")
     assert by_fit < 0.25 * by_centroid
 
 
