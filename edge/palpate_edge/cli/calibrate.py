@@ -121,6 +121,11 @@ def calibrate(
         )
     elif not trainable and not no_model:
         click.echo("  no correction model: it needs pip install 'palpate[train]'")
+    if isinstance(calibration.fitted_beads, tuple):
+        click.echo(
+            f"  {len(calibration.fitted_beads)} beads are beside an edge or a reflection: "
+            "their places are measured by symmetry"
+        )
     _print_force(calibration)
     judgement = report_judgement(calibration)
     for name, text in region_figures(source.regions):
