@@ -80,10 +80,8 @@ class ChosenFit:
     """Measures those beads of one reference by their symmetry that the calibration chose for it; the others'
     places are centroids."""
 
-    def __init__(self, reference: Reference, offset_px: Array | None) -> None:
-        """offset_px: Reference.fit_offset_px."""
-        if offset_px is None:
-            offset_px = np.full_like(reference.position_px, np.nan)
+    def __init__(self, reference: Reference, offset_px: Array) -> None:
+        """offset_px (n, 2): Reference.fit_offset_px."""
         self._beads = np.flatnonzero(np.isfinite(offset_px[:, 0]))
         self._offset_px = offset_px[self._beads]
         diameter_px, spacing_px = reference.diameter_px, reference.neighbourhood.spacing_px
