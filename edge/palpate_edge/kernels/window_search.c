@@ -26,6 +26,7 @@ struct window_search {
     int64_t *some;                        /* (beads) input: the beads that are looked for */
     float *sorted, *noise_unevenness;     /* (beads) scratch; (1): unevenness that most beads share */
     float *noise;                         /* (beads) result */
+    int64_t *windows; /* (beads), measured since the start */
 };
 
 /* Measure the first `count` beads of the finder's list about its starts, in pixels. */
@@ -51,6 +52,7 @@ static void keep(const struct window_search *s, int32_t count) {
         s->area[bead] = finder->area[i];
         s->excess[bead] = finder->unevenness[i] - s->max_unevenness[bead];
         s->converged[bead] = finder->converged[i];
+        s->windows[bead] += finder->windows[i];
     }
 }
 

@@ -63,12 +63,15 @@ class _Search(ctypes.Structure):
         *((name, POINTER) for name in SearchedBeads._fields),
         *((name, POINTER) for name in ("expected_px", "predicted_px", "last_start_px", "position_px")),
         *((name, POINTER) for name in ("contrast_share", "area", "excess", "converged", "found")),
-        *((name, POINTER) for name in ("some", "sorted", "noise_unevenness", "noise")),
+        *((name, POINTER) for name in ("some", "sorted", "noise_unevenness", "noise", "windows")),
     )
 
 
 class WindowSearchKernel:
-    """Looks for the beads of one reference in the plane that the finder has."""
+    """Looks for the beads of one reference in the plane that the finder has.
+
+    excess (n,): see window_search.py; windows (n,): that were measured of each bead since the start.
+    """
 
     def __init__(
         self,
@@ -87,7 +90,8 @@ class WindowSearchKernel:
         self._position_px, last_start_px = np.zeros((2, count, 2))
         self._contrast_share, self._area, self.excess, self._noise = np.zeros((4, count), np.float32)
         self._converged, self._found = np.zeros((2, count), np.bool_)
-        self._some, self._unevenness = np.zeros(count, np.int64), np.zeros(1, np.float32)
+        self._some, self.windows = np.zeros((2, count), np.int64)
+        self._unevenness = np.zeros(1, np.float32)
         self._arrays: tuple[
             NDArray[Any], ...
         ] = (  # in the order of the structure; kept as long as the kernel is used
@@ -95,7 +99,7 @@ class WindowSearchKernel:
             *(np.ascontiguousarray(array, np.float64) for array in beads[_SINGLES:]),
             *(self._expected_px, self._predicted_px, last_start_px, self._position_px),
             *(self._contrast_share, self._area, self.excess, self._converged, self._found),
-            *(self._some, np.zeros(count, np.float32), self._unevenness, self._noise),
+            *(self._some, np.zeros(count, np.float32), self._unevenness, self._noise, self.windows),
         )
         self._parts = finder, means
         struct = _Search(

@@ -75,12 +75,6 @@ def row_normalised(weight: Array) -> Array:
     return np.asarray(weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12))
 
 
-def upper_median(values: Array | Floats) -> float:
-    """Return the median of values (n,), the upper one of two; np.median takes ten times as long."""
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
-
-
 def rms(vectors: Array | Floats) -> float:
     """Return the root mean square length of vectors (n, 2); 0 without vectors."""
     flat = vectors.ravel()

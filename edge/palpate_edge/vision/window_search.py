@@ -99,6 +99,11 @@ class WindowSearch:
         """
         return self._kernel.excess
 
+    @property
+    def windows(self) -> Indices:
+        """How many windows of each bead (n,) were measured since the start."""
+        return self._kernel.windows
+
     def load(self, dark: Plane) -> None:
         """Take the plane that is measured until the next one is loaded."""
         self._refiner.load(dark)

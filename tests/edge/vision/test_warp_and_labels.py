@@ -12,7 +12,7 @@ from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.correspondence import MIN_PATCH, Correspondence
 from palpate_edge.vision.labels import LabelCheck
 from palpate_edge.vision.local_warp import LocalWarp
-from palpate_edge.vision.neighbourhood import Neighbourhood, interpolate, rms, row_normalised, upper_median
+from palpate_edge.vision.neighbourhood import Neighbourhood, interpolate, rms, row_normalised
 
 SPACING_PX = 20.0
 PAIRS = [(q, r) for q in range(-4, 5) for r in range(-4, 5) if abs(q + r) <= 4]
@@ -92,7 +92,6 @@ def test_distances_and_means_of_a_neighbourhood() -> None:
         interpolate(np.array([[100.0, 101.0]]), np.array([[1.0], [0.0]])), 1.0, atol=1e-9
     )
     np.testing.assert_allclose(row_normalised(np.array([[1.0, 3.0], [0.0, 0.0]])), [[0.25, 0.75], [0.0, 0.0]])
-    assert upper_median(np.array([4.0, 1.0, 3.0, 2.0])) == 3.0
     assert rms(np.array([[3.0, 4.0], [0.0, 0.0]])) == pytest.approx(math.sqrt(12.5))
 
 

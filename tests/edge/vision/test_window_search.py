@@ -50,6 +50,16 @@ def search(reference: Reference, shown: np.ndarray) -> WindowSearch:
     return windows
 
 
+def test_windows_are_counted_for_each_bead(reference) -> None:
+    """One where a bead is expected in its place, more where it is off."""
+    place = REST_PX.copy()
+    place[ONE] += (3.0, 3.0)
+    windows = search(reference, plane(place))
+    windows.find_beads(REST_PX, COUNT, COUNT)
+    assert windows.windows[ONE] in (2, 3)
+    assert (np.delete(windows.windows, ONE) == 1).all()
+
+
 def found_in(reference, shown, expected_px=REST_PX, max_faint=COUNT, after_jump=COUNT):
     return search(reference, shown).find_beads(expected_px, max_faint, after_jump)
 
