@@ -19,7 +19,6 @@ from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import Bead, Calibration, CalibrationSource, FittedBead, JigErrors
 from palpate_edge.estimation.contact_fit.contact_fields import ContactFields
 from palpate_edge.estimation.contact_fit.place_stiffness import PlaceStiffness
-from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
@@ -187,7 +186,9 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measur
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    roll = camera_roll(_reader(sensor, measured), training_presses(measured), dome.for_markers(radius_mm))
+    roll = camera_roll(
+        measured.reader(sensor.markers.radius_mm), training_presses(measured), dome.for_markers(radius_mm)
+    )
     open_rad = math.hypot(roll.sigma_rad, PRIOR_SIGMA[-1])
     return turned(measured, sensor, rotation_about_z(roll.angle_rad)), open_rad
 
@@ -212,7 +213,9 @@ def _seen(sensor: Sensor, dome: DomeModel, measured: Measured) -> DomeModel:
     if measured.is_inexact and taught:
         return dome
     of_size = dome.for_markers(sensor.markers.radius_mm)
-    return seen_by(_reader(sensor, measured), measured.view, of_size, presses if taught else ())
+    return seen_by(
+        measured.reader(sensor.markers.radius_mm), measured.view, of_size, presses if taught else ()
+    )
 
 
 def _adjusted(
@@ -227,7 +230,7 @@ def _adjusted(
     if not presses:
         return measured, dome, None
     given = estimated_directions(
-        _reader(sensor, measured),
+        measured.reader(sensor.markers.radius_mm),
         [press.beads for press in presses],
         dome.for_markers(sensor.markers.radius_mm),
     )
@@ -237,22 +240,12 @@ def _adjusted(
     return turned(measured, sensor, np.asarray(turn)), adjustment.stretched(dome), adjustment.errors
 
 
-def _reader(sensor: Sensor, measured: Measured, typical: TypicalFields | None = None) -> DisplacementReader:
-    return DisplacementReader(
-        measured.reference.position_px,
-        measured.view,
-        sensor.markers.radius_mm,
-        measured.bead_noise_px,
-        typical,
-    )
-
-
 def _typical_fields(sensor: Sensor, dome: DomeModel, measured: Measured) -> TypicalFields:
     """Return the typical fields of the dome model's contacts and the sensor's own."""
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415 - extra `train`
     from palpate_edge.calibration.training.typical_contacts import typical_fields  # noqa: PLC0415
 
-    reader = _reader(sensor, measured)
+    reader = measured.reader(sensor.markers.radius_mm)
     own = [reader.read(press.beads).values for press in training_presses(measured)]
     return typical_fields(
         reader,
@@ -287,7 +280,7 @@ def _train(
     )
 
     radius_mm = sensor.markers.radius_mm
-    reader = _reader(sensor, measured, typical)
+    reader = measured.reader(sensor.markers.radius_mm, typical)
     presses, weighed = training_presses(measured), weighed_samples(measured, reader)
     of_size = dome.for_markers(radius_mm)
 

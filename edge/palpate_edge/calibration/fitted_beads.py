@@ -24,7 +24,6 @@ from palpate_edge.common.arrays import Array, Image, Mask
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.images import read_sized_image
 from palpate_edge.datasets.press_dataset import PressDataset
-from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.vision.bead_fit import ChosenFit
 from palpate_edge.vision.beads import EVEN_LIGHT, GREY_FIT, SLOPED_LIGHT, Beads, Reference
 from palpate_edge.vision.symmetric_fit import FIT_CHANNELS
@@ -55,18 +54,14 @@ def with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured
     if measured.reference.fit_sigma_px is not None or len(training_presses(measured)) < FEWEST_PRESSES:
         return measured
     radius_mm = dataset.sensor.markers.radius_mm
-
-    def reader(seen: Measured) -> DisplacementReader:
-        return DisplacementReader(seen.reference.position_px, seen.view, radius_mm, seen.bead_noise_px)
-
-    fields = seen_by(reader(measured), measured.view, dome).fields
-    error = bead_errors(reader(measured), training_presses(measured), fields)
+    fields = seen_by(measured.reader(radius_mm), measured.view, dome).fields
+    error = bead_errors(measured.reader(radius_mm), training_presses(measured), fields)
     if are_harmless(error):
         return measured
     every, ways = np.ones(len(error), np.bool_), []
     for way in _ways(dataset, measured):
         fitted = _merged(measured, way, every)
-        ways.append((way, bead_errors(reader(fitted), training_presses(fitted), fields)))
+        ways.append((way, bead_errors(fitted.reader(radius_mm), training_presses(fitted), fields)))
     best, fitted_error = min(ways, key=lambda way: float(np.minimum(way[1], error).sum()))
     chosen = (error > HARMLESS) & (fitted_error < BETTER * error)
     chosen &= _times_found(best.touches) > LEAST_SEEN * _times_found([beads for _, beads in measured.touches])

@@ -17,6 +17,8 @@ from palpate_edge.datasets.images import read_sized_image
 from palpate_edge.datasets.pose_dataset import PosePress
 from palpate_edge.datasets.press_dataset import Press, PressDataset
 from palpate_edge.estimation.calibration import DroppedPresses
+from palpate_edge.estimation.displacement_field import DisplacementReader
+from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.plausibility import MAX_DOUBT
 from palpate_edge.estimation.skin_motion import MAX_ROUGHNESS, SkinMotion
 from palpate_edge.geometry.points import repeated, spacing
@@ -70,6 +72,11 @@ class Measured:
     def is_inexact(self) -> bool:
         """True in hard light: the beads' places are too noisy to be used as measured."""
         return self.bead_noise_px >= INEXACT_NOISE_PX
+
+    def reader(self, radius_mm: float, typical: TypicalFields | None = None) -> DisplacementReader:
+        """Return the reader of these beads' displacement; radius_mm: of the sphere that they are on."""
+        rest_px = self.reference.position_px
+        return DisplacementReader(rest_px, self.view, radius_mm, self.bead_noise_px, typical)
 
 
 def measure(

@@ -25,7 +25,6 @@ from palpate_edge.common.errors import DatasetError
 from palpate_edge.datasets.images import list_images
 from palpate_edge.datasets.press_dataset import BOUNDS, COLUMNS, Press, PressDataset
 from palpate_edge.datasets.sensor_file import read_sensor
-from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.angles import rotation_about_z
 from palpate_edge.geometry.sensor import Dome
 from palpate_edge.press_rig.ball_model import ball_forces, load_ball_model, suits
@@ -135,9 +134,7 @@ def _unlabelled(record: PressRecord, radius_mm: float) -> Press:
 def _model_answers(measured: Measured, dome: DomeModel) -> tuple[list[str], Array, Array]:
     """Return the frames that were measured, and for each the dome model's direction of contact (n, 3) and its
     force (n, 3) for silicone of its own stiffness, in F."""
-    reader = DisplacementReader(
-        measured.reference.position_px, measured.view, dome.markers_radius_mm, measured.bead_noise_px
-    )
+    reader = measured.reader(dome.markers_radius_mm)
     fields = [reader.read(beads) for _, beads in measured.touches]
     hidden = np.array([field.hidden for field in fields])
     direction, force, _ = fit(None, dome, 1.0).predict(np.array([field.values for field in fields]), hidden)

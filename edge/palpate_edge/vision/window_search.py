@@ -101,7 +101,7 @@ class WindowSearch:
 
     @property
     def windows(self) -> Indices:
-        """How many windows of each bead (n,) were measured since the start."""
+        """Windows that were measured of each bead (n,) since the start."""
         return self._kernel.windows
 
     def load(self, dark: Plane) -> None:
