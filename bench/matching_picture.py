@@ -15,9 +15,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from palpate_edge.common.arrays import Array, Indices
+from palpate_edge.kernels.nearest_blob import NO_BLOB, BlobGrid
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.correspondence import START_GATE, Correspondence, Match
-from palpate_edge.vision.nearest_blob import NO_BLOB, NearestBlob
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 PICTURE = Path(__file__).parents[1] / "docs" / "matching.png"
@@ -55,7 +55,9 @@ def draw(rest_px: Array, place_px: Array) -> Figure:
     """Return the figure of the four steps; blob i of the image is pin i."""
     blobs = Blobs(place_px, np.full(len(place_px), 40.0))
     correspondence = Correspondence(Neighbourhood(rest_px))
-    nearest = NearestBlob(place_px).assign(rest_px, np.full(len(rest_px), (START_GATE * SPACING_PX) ** 2))
+    grid = BlobGrid()
+    grid.load(place_px)
+    nearest = grid.assign(rest_px, np.full(len(rest_px), (START_GATE * SPACING_PX) ** 2))
     match = correspondence.match(blobs, rest_px[None])
     row_off = correspondence.match(Blobs(rest_px, blobs.strength), rest_px[None] + (SPACING_PX, 0.0))
     figure = Figure(figsize=(11, 10.5), layout="constrained")

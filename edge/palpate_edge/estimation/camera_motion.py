@@ -12,36 +12,16 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate_edge.common.arrays import Array
-from palpate_edge.kernels.camera_motion import CameraMotionKernel
-from palpate_edge.vision.beads import Beads, Reference
-
-DENT_LENGTH = 1.4  # spacings: of the neighbourhood that a dent is averaged over
 
 
 class SplitMotion(NamedTuple):
     """A displacement (n, 2) as the sum of two: common_px, which a moved camera makes, and dent_px.
 
-    dent_px is 0 for beads that were not found.
+    By least squares over the found beads; dent_px is 0 for the others.
     """
 
     common_px: Array
     dent_px: Array
-
-
-class CameraMotion:
-    """Splits displacements of one sensor's beads by least squares."""
-
-    def __init__(self, reference: Reference) -> None:
-        modes = camera_modes(reference.position_px)
-        self._kernel = CameraMotionKernel(modes, reference.neighbourhood.weights(DENT_LENGTH))
-
-    def split(self, displacement_px: Array, beads: Beads) -> SplitMotion:
-        """Split a displacement (n, 2); only found beads determine the common part."""
-        return SplitMotion(*self._kernel.split(displacement_px, beads.weight, beads.found))
-
-    def dent_size_px(self, dent_px: Array, beads: Beads) -> float:
-        """Return the root mean square, over the found beads, of the dent averaged over their neighbours."""
-        return self._kernel.size_px(dent_px, beads.weight, beads.found)
 
 
 def camera_modes(position_px: Array) -> Array:

@@ -25,11 +25,8 @@ from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.geometry.angles import azimuth, polar_angle, rotation_about_z
 from palpate_edge.geometry.sensor import View
 from palpate_edge.kernels.blind_spot import BlindSpotKernel
-from palpate_edge.kernels.canonical_field import CanonicalFieldKernel, FieldNoise
+from palpate_edge.kernels.canonical_field import CanonicalFieldKernel, FieldNoise, MeanMotion
 from palpate_edge.vision.beads import Beads
-
-MeanMotion = tuple[float, float, float, float, float, float]
-"""Mean displacement of all beads in F, and mean of the beads' directions times their displacement, in mm."""
 
 # Rings (polar angle in deg, count) of canonical directions; each ring is symmetric about x-z.
 CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.0, 24), (72.0, 24))
@@ -98,10 +95,6 @@ class DisplacementReader:
         self._reference_px = reference_px
         self._beads = view.onto_sphere(reference_px, markers_radius_mm) / markers_radius_mm
         self._mm_per_px = _jacobian(view, reference_px, markers_radius_mm)
-        parts = np.concatenate(
-            [self._mm_per_px, np.cross(self._beads[:, :, None], self._mm_per_px, axis=1)], 1
-        )
-        self._mean_motion = np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(6, -1) / len(parts)
         self._covariance = kernel(self._beads, self._beads)
         inverse = np.asarray(
             np.linalg.inv(self._covariance + BEAD_NOISE * np.eye(len(reference_px))), np.float64
@@ -142,15 +135,16 @@ class DisplacementReader:
         pixels = self.displacement_px(beads)
         hidden = hidden or self.hidden(beads)
         if self._smoother is not None and (self._smooths_all or not beads.all_exact):
-            azimuth_rad = turn_rad + self._field.weigh(self._smoother.smooth(pixels, beads))
+            smooth_px = self._smoother.smooth(pixels, beads)
+            azimuth_rad, values = self._field.read(smooth_px, turn_rad, all_exact=False)
         elif beads.all_exact:
-            azimuth_rad = turn_rad + self._field.weigh_exact(pixels)
+            azimuth_rad, values = self._field.read(pixels, turn_rad, all_exact=True)
         else:
             weights = self._inexact_weights(self._on_sphere_mm(pixels), beads)
             azimuth_rad = turn_rad + self._azimuth_rad(self._covariance @ weights)
-            self._field.give_weights(weights)
-        self.padded_kernel(azimuth_rad)
-        return CanonicalField(self._field.values(azimuth_rad), azimuth_rad, hidden.blind_spot)
+            values = self._field.read_weighed(weights, azimuth_rad)
+        self._azimuth_of_kernel_rad = azimuth_rad
+        return CanonicalField(values, azimuth_rad, hidden.blind_spot)
 
     def displacement_px(self, beads: Beads) -> Array:
         """Return the measured displacement (n, 2) of the beads from the untouched ones."""
@@ -162,19 +156,14 @@ class DisplacementReader:
         A slide moves the first three components, a twist the last three; both are a mean over all beads, so
         their noise is that of one bead over the root of the count.
         """
-        x, y, z, around_x, around_y, around_z = (self._mean_motion @ displacement_px.ravel()).tolist()
-        return x, y, z, around_x, around_y, around_z
+        return self._field.mean_motion(displacement_px)
 
-    def canonical_kernel(self, azimuth_rad: float) -> Floats:
-        """Return the covariance (g, n) of the canonical directions and the beads, read-only.
+    def padded_kernel(self, azimuth_rad: float) -> Floats:
+        """Return the covariance (g, padded n) of the canonical directions and the beads, read-only.
 
         azimuth_rad: of the canonical frame. There is one array, which holds the last covariance: a frame's
         field and the fit of its contact need the same.
         """
-        return self.padded_kernel(azimuth_rad)[:, : len(self._beads)]
-
-    def padded_kernel(self, azimuth_rad: float) -> Floats:
-        """Return the same covariance with the kernels' padding, (g, padded n), always the one array."""
         if azimuth_rad != self._azimuth_of_kernel_rad:
             self._azimuth_of_kernel_rad = azimuth_rad
             self._field.turn(azimuth_rad)

@@ -13,13 +13,13 @@ from __future__ import annotations
 
 import math
 
-import msgspec
 import numpy as np
 
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.camera_motion import SplitMotion, camera_modes, camera_slopes
-from palpate_edge.kernels.camera_motion import MOTIONS
-from palpate_edge.vision.beads import Beads, Reference
+from palpate_edge.estimation.skin_motion import DriftField
+from palpate_edge.kernels.skin_motion import MOTIONS
+from palpate_edge.vision.beads import Reference
 from palpate_edge.vision.neighbourhood import rms
 
 MAX_RATE_PX_S = 0.05  # 3 pixels in a minute
@@ -30,7 +30,10 @@ MAX_DENT_SHARE = 0.06  # of a common motion: parallax and swelling leave up to 0
 
 
 class Drift:
-    """The drift of one sensor."""
+    """The drift of one sensor.
+
+    field: with which skin_motion.SkinMotion measures frames as they would be without the drift.
+    """
 
     def __init__(self, reference: Reference, threshold_px: float) -> None:
         """threshold_px: skin motion above which something touches."""
@@ -48,12 +51,6 @@ class Drift:
     def total_px(self) -> float:
         """Root mean square of the drift over the beads."""
         return rms(self._drift_px)
-
-    def compensate(self, beads: Beads) -> Beads:
-        """Return the beads as they would be seen without the drift."""
-        moved_px = beads.position_px - self._moved_rest_px
-        position_px = self._rest_px + np.vecdot(self._without_slopes, moved_px[:, None])
-        return msgspec.structs.replace(beads, position_px=position_px)
 
     def elapse(self, elapsed_s: float) -> None:
         """Allow for the drift of `elapsed_s` seconds that no frame showed."""
@@ -83,7 +80,7 @@ class Drift:
 
     def _sum_up(self) -> None:
         self._drift_px = self._common_px + self._dent_px
-        self._moved_rest_px = self._rest_px + self._drift_px
+        self.field = DriftField(self._rest_px + self._drift_px, self._without_slopes)
 
     def _remaining_px(self) -> float:
         """Return how much farther the common part may move."""

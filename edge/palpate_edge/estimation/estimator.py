@@ -77,10 +77,10 @@ class Estimator:
             record.tracked = self._tracker.follow_image(frame.image, self._calibration.appearance)
             record.found_count = record.tracked.found_count
             record.hidden = self._reader.hidden(record.tracked)
-            record.beads = self._drift.compensate(record.tracked)
-            record.motion = self._skin_motion.measure(record.beads)
+            record.motion = self._skin_motion.measure(record.tracked, self._drift.field)
+            record.beads = record.tracked.moved_to(record.motion.position_px)
             check_beads(record)
-            record.skin = self._classifier.classify(record.beads, record.motion, frame.exposed_at_us)
+            record.skin = self._classifier.classify(record.motion, frame.exposed_at_us)
             self._tare.collect(record.tracked, is_touched=record.skin is SkinState.TOUCHED)
             if record.skin is SkinState.TOUCHED:
                 record.located = self._locator.locate(record)
@@ -139,7 +139,7 @@ class Estimator:
         threshold_px, sensor = calibration.contact_threshold_px, calibration.sensor
         self._skin_motion = SkinMotion(reference)
         self._drift = Drift(reference, threshold_px)
-        self._classifier = TouchClassifier(reference, self._drift, threshold_px)
+        self._classifier = TouchClassifier(self._drift, threshold_px)
         self._reader = DisplacementReader(
             reference.position_px,
             self._view,

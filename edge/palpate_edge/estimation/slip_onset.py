@@ -27,7 +27,7 @@ from operator import mul, sub
 import msgspec
 
 from palpate_edge.common.contact import Contact
-from palpate_edge.estimation.displacement_field import MeanMotion
+from palpate_edge.kernels.canonical_field import MeanMotion
 
 Load = tuple[float, float, float, float]
 

@@ -15,10 +15,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from palpate_edge.estimation.camera_motion import CameraMotion, SplitMotion
 from palpate_edge.estimation.drift import MAX_DENT_SHARE, Drift
 from palpate_edge.estimation.skin_motion import Motion
-from palpate_edge.vision.beads import Beads, Reference
 
 MAX_DENT_NOISE = 0.5  # contact thresholds, of a common motion; frames of the sample stay below 0.41
 STEADY_FRAMES = 5  # without contact in a row before a small motion above the threshold is followed
@@ -37,28 +35,22 @@ class SkinState(Enum):
 class TouchClassifier:
     """Classifies one sensor's frames, and lets the drift follow the untouched ones."""
 
-    def __init__(self, reference: Reference, drift: Drift, threshold_px: float) -> None:
+    def __init__(self, drift: Drift, threshold_px: float) -> None:
         """threshold_px: skin motion above which something touches."""
-        self._camera_motion = CameraMotion(reference)
         self._drift = drift
         self._threshold_px = threshold_px
         self._last_us: int | None = None
         self._frames_without_contact = 0
         self._catching_up = False
 
-    def classify(self, beads: Beads, motion: Motion, exposed_at_us: int) -> SkinState:
-        """Return the skin's state; beads and their motion: with the drift compensated."""
+    def classify(self, motion: Motion, exposed_at_us: int) -> SkinState:
+        """Return the skin's state; motion: without the drift."""
         elapsed_s = 0.0 if self._last_us is None else max(0.0, 1e-6 * (exposed_at_us - self._last_us))
         self._last_us = exposed_at_us
         self._drift.elapse(elapsed_s)
-        split = self._camera_motion.split(motion.displacement_px, beads)
         threshold_px = self._threshold_px * motion.noise
         above_threshold = motion.size_px > threshold_px
-        state = (
-            self._state(split, beads, motion.size_px, threshold_px)
-            if above_threshold
-            else SkinState.UNTOUCHED
-        )
+        state = self._state(motion, threshold_px) if above_threshold else SkinState.UNTOUCHED
         self._catching_up = state is SkinState.KNOCKED
         if state is SkinState.TOUCHED:
             self._frames_without_contact = 0
@@ -66,15 +58,14 @@ class TouchClassifier:
         self._frames_without_contact += 1
         large = motion.size_px > LARGE * threshold_px
         if not above_threshold or large or self._frames_without_contact > STEADY_FRAMES:
-            self._drift.follow_motion(split, elapsed_s, at_once=large)
+            self._drift.follow_motion(motion.split, elapsed_s, at_once=large)
         return state
 
-    def _state(self, split: SplitMotion, beads: Beads, motion_px: float, threshold_px: float) -> SkinState:
+    def _state(self, motion: Motion, threshold_px: float) -> SkinState:
         """Return the state of a skin whose motion is above the frame's threshold."""
-        dent_px = self._camera_motion.dent_size_px(split.dent_px, beads)
-        if dent_px > MAX_DENT_NOISE * threshold_px + MAX_DENT_SHARE * motion_px:
+        if motion.dent_size_px > MAX_DENT_NOISE * threshold_px + MAX_DENT_SHARE * motion.size_px:
             return SkinState.TOUCHED
-        if self._drift.explains(split.common_px):
+        if self._drift.explains(motion.split.common_px):
             return SkinState.UNTOUCHED
-        knocked = self._catching_up or motion_px > KNOCKED * threshold_px
+        knocked = self._catching_up or motion.size_px > KNOCKED * threshold_px
         return SkinState.KNOCKED if knocked else SkinState.TOUCHED

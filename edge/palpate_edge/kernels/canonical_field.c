@@ -21,6 +21,7 @@ struct canonical_field {
     float *turned;           /* (3, padded beads): beads in the canonical frame */
     float *turned_weights;   /* (3, padded beads) */
     float *kernel;           /* (directions, padded beads) */
+    double *mean_motion;     /* (6,), mm */
     double *gravity;         /* (2,): centre of the squared displacement, x and y */
     double *values;          /* (2 directions,) */
 };
@@ -38,22 +39,21 @@ static void turn_columns(const struct canonical_field *field, double cosine, dou
 
 /* Matern's covariance (directions, padded beads) of order 3/2 about an azimuth: by differences of the
  * directions, since products of near ones lose digits. */
-KERNEL int canonical_kernel(const struct canonical_field *field, double cosine, double sine) {
+static void find_kernel(const struct canonical_field *field, double cosine, double sine) {
     int32_t row = field->padded_beads;
     turn_columns(field, cosine, sine);
     const float *turned = field->turned, *direction = field->scaled;
     float *kernel = field->kernel;
     for (int32_t d = 0; d < field->directions; d++, direction += 3, kernel += row) {
-        float4 to_x = all4(direction[0]), to_y = all4(direction[1]), to_z = all4(direction[2]);
-        for (int32_t b = 0; b < row; b += 4) {
+        float8 to_x = all8(direction[0]), to_y = all8(direction[1]), to_z = all8(direction[2]);
+        for (int32_t b = 0; b < row; b += 8) {
             const float *bead = turned + b;
-            float4 x = *(const float4 *)bead - to_x, y = *(const float4 *)(bead + row) - to_y;
-            float4 z = *(const float4 *)(bead + 2 * row) - to_z;
-            float4 distance = sqrt4(x * x + y * y + z * z);
-            *(float4 *)(kernel + b) = (1.0f + distance) * decay4(distance);
+            float8 x = *(const float8 *)bead - to_x, y = *(const float8 *)(bead + row) - to_y;
+            float8 z = *(const float8 *)(bead + 2 * row) - to_z;
+            float8 distance = sqrt8(x * x + y * y + z * z);
+            *(float8 *)(kernel + b) = (1.0f + distance) * decay8(distance);
         }
     }
-    return 0;
 }
 
 /* Displacements in the image as such on the sphere. */
@@ -95,7 +95,7 @@ static inline void multiply_row(const double *row, const double *columns, int32_
 }
 
 /* The weights of a smoothed displacement, whose noise is the beads' own. */
-KERNEL int canonical_weights(const struct canonical_field *field) {
+static void weigh_smoothed(const struct canonical_field *field) {
     int32_t count = field->beads;
     double sums[3];
     move_on_sphere(field);
@@ -105,7 +105,6 @@ KERNEL int canonical_weights(const struct canonical_field *field) {
             field->weights[k * count + b] = sums[k];
     }
     find_gravity(field, field->bead_noise);
-    return 0;
 }
 
 /* The variance of a bead's place over that of the displacement of all beads, which are exact. */
@@ -122,7 +121,7 @@ static double relative_noise(const struct canonical_field *field) {
 
 /* The weights of a displacement as it is measured, all beads exact, by the covariance's modes: the noise is
  * that of the beads over the frame's displacement. */
-KERNEL int canonical_exact_weights(const struct canonical_field *field) {
+static void weigh_exact(const struct canonical_field *field) {
     int32_t count = field->beads;
     double sums[3], *amounts = field->amounts;
     move_on_sphere(field);
@@ -144,11 +143,10 @@ KERNEL int canonical_exact_weights(const struct canonical_field *field) {
             field->weights[k * count + b] = sums[k];
     }
     find_gravity(field, noise);
-    return 0;
 }
 
-/* The values of the field that the weights and the last kernel give; cosine, sine: of that kernel. */
-KERNEL int canonical_values(const struct canonical_field *field, double cosine, double sine) {
+/* The values of the field that the weights and the kernel about an azimuth give. */
+static void find_values(const struct canonical_field *field, double cosine, double sine) {
     int32_t count = field->beads, row = field->padded_beads, directions = field->directions;
     const double *weights = field->weights;
     float *turned = field->turned_weights;  // behind the beads it stays 0
@@ -171,5 +169,50 @@ KERNEL int canonical_values(const struct canonical_field *field, double cosine, 
             field->values[part * directions + d] = (double)(along[0] * x + along[1] * y + along[2] * z);
         }
     }
+}
+
+/* The mean displacement of the beads on the sphere, and the mean of their directions times it. */
+KERNEL int canonical_mean_motion(const struct canonical_field *field) {
+    int32_t count = field->beads;
+    double sums[6] = {0.0};
+    move_on_sphere(field);
+    for (int32_t b = 0; b < count; b++) {
+        const double *unit = field->unit + 3 * b;
+        const double x = field->moved_mm[b], y = field->moved_mm[count + b],
+                     z = field->moved_mm[2 * count + b];
+        sums[0] += x, sums[1] += y, sums[2] += z;
+        sums[3] += unit[1] * z - unit[2] * y;
+        sums[4] += unit[2] * x - unit[0] * z;
+        sums[5] += unit[0] * y - unit[1] * x;
+    }
+    for (int i = 0; i < 6; i++)
+        field->mean_motion[i] = sums[i] / count;
     return 0;
+}
+
+/* The covariance about an azimuth. */
+KERNEL int canonical_turn(const struct canonical_field *field, double cosine, double sine) {
+    find_kernel(field, cosine, sine);
+    return 0;
+}
+
+/* The covariance and the field of the weights about an azimuth. */
+KERNEL int canonical_weighed(const struct canonical_field *field, double cosine, double sine) {
+    find_kernel(field, cosine, sine);
+    find_values(field, cosine, sine);
+    return 0;
+}
+
+/* The same of the displacement, which is smoothed or all_exact, about the azimuth of its centre of gravity
+ * plus an angle. */
+KERNEL int canonical_field(const struct canonical_field *field, int32_t all_exact, double cosine,
+                           double sine) {
+    if (all_exact)
+        weigh_exact(field);
+    else
+        weigh_smoothed(field);
+    double x = field->gravity[0], y = field->gravity[1], length = __builtin_sqrt(x * x + y * y);
+    x = length > 0.0 ? x / length : 1.0;
+    y = length > 0.0 ? y / length : 0.0;
+    return canonical_weighed(field, x * cosine - y * sine, y * cosine + x * sine);
 }

@@ -28,9 +28,14 @@ _POINTERS = (
     "turned",
     "turned_weights",
     "kernel",
+    "mean_motion",
     "gravity",
     "values",
 )
+
+
+MeanMotion = tuple[float, float, float, float, float, float]
+"""Mean displacement of all beads in F, and mean of the beads' directions times their displacement, in mm."""
 
 
 class FieldNoise(NamedTuple):
@@ -80,7 +85,7 @@ class CanonicalFieldKernel:
         self.covariance = np.zeros((count, padded), np.float32)
         self._displacement_px, self._weights = np.zeros((beads, 2)), np.zeros((3, beads))
         variances, modes = np.linalg.eigh(covariance)
-        self._gravity, self._values = np.zeros(2), np.zeros(2 * count)
+        self._gravity, self._values, self._mean_motion = np.zeros(2), np.zeros(2 * count), np.zeros(6)
         singles = {
             "scaled": np.ascontiguousarray(math.sqrt(3.0) / length * directions, dtype=np.float32),
             "tangents": np.ascontiguousarray(tangents, dtype=np.float32),
@@ -99,6 +104,7 @@ class CanonicalFieldKernel:
             "moved_mm": np.zeros((3, beads)),
             "weights": self._weights,
             "amounts": np.zeros((3, beads)),
+            "mean_motion": self._mean_motion,
             "gravity": self._gravity,
             "values": self._values,
         }
@@ -112,43 +118,39 @@ class CanonicalFieldKernel:
             **addresses(doubles, np.float64),
         )
         self._struct = ctypes.byref(struct)
-        self._covariance_at = kernel("canonical_kernel", POINTER, ctypes.c_double, ctypes.c_double)
-        self._weigh = kernel("canonical_weights", POINTER)
-        self._weigh_exact = kernel("canonical_exact_weights", POINTER)
-        self._values_at = kernel("canonical_values", POINTER, ctypes.c_double, ctypes.c_double)
+        self._move = kernel("canonical_mean_motion", POINTER)
+        self._turn = kernel("canonical_turn", POINTER, ctypes.c_double, ctypes.c_double)
+        self._weighed = kernel("canonical_weighed", POINTER, ctypes.c_double, ctypes.c_double)
+        self._field = kernel("canonical_field", POINTER, ctypes.c_int32, ctypes.c_double, ctypes.c_double)
+
+    def mean_motion(self, displacement_px: Array) -> MeanMotion:
+        """Return the mean motion of the beads for their displacement (n, 2) in the image."""
+        np.copyto(self._displacement_px, displacement_px)
+        self._move(self._struct)
+        x, y, z, around_x, around_y, around_z = self._mean_motion.tolist()
+        return x, y, z, around_x, around_y, around_z
 
     def turn(self, azimuth_rad: float) -> None:
         """Compute the covariance about an azimuth of the canonical frame."""
-        self._covariance_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
+        self._turn(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
 
-    def weigh(self, displacement_px: Array) -> float:
-        """Weigh the beads for their smoothed displacement (n, 2) in the image.
+    def read(self, displacement_px: Array, turn_rad: float, *, all_exact: bool) -> tuple[float, Array]:
+        """Return the azimuth, rad, and the field (2 g,), mm, of a displacement (n, 2) in the image.
 
-        Return the azimuth, rad, of the centre of gravity of the squared displacement that the weights
-        interpolate to.
+        The field: meridional components, then azimuthal ones. The azimuth is that of the centre of gravity of
+        the squared displacement, which is interpolated, plus turn_rad. all_exact: the displacement is
+        measured, all beads exact; else it is smoothed. Computes the covariance about the azimuth.
         """
         np.copyto(self._displacement_px, displacement_px)
-        self._weigh(self._struct)
-        return self._azimuth_rad()
-
-    def weigh_exact(self, displacement_px: Array) -> float:
-        """The same for the measured displacement (n, 2) of beads that are all exact."""
-        np.copyto(self._displacement_px, displacement_px)
-        self._weigh_exact(self._struct)
-        return self._azimuth_rad()
-
-    def give_weights(self, weights: Array) -> None:
-        """Take the beads' weights (n, 3) in F from elsewhere."""
-        np.copyto(self._weights, weights.T)
-
-    def values(self, azimuth_rad: float) -> Array:
-        """Return the field (2 g,), mm, that the weights give: meridional components, then azimuthal ones.
-
-        azimuth_rad: of the last `turn`.
-        """
-        self._values_at(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
-        return self._values.copy()
-
-    def _azimuth_rad(self) -> float:
+        self._field(self._struct, all_exact, math.cos(turn_rad), math.sin(turn_rad))
         x, y = self._gravity.tolist()
-        return math.atan2(y, x)
+        return math.atan2(y, x) + turn_rad, self._values.copy()
+
+    def read_weighed(self, weights: Array, azimuth_rad: float) -> Array:
+        """Return the field (2 g,), mm, about an azimuth, of beads with weights (n, 3) in F from elsewhere.
+
+        Computes the covariance about the azimuth.
+        """
+        np.copyto(self._weights, weights.T)
+        self._weighed(self._struct, math.cos(azimuth_rad), math.sin(azimuth_rad))
+        return self._values.copy()

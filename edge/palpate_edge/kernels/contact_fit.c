@@ -83,22 +83,22 @@ static void kernels_of_centres(const struct contact_fit *fit, const struct touch
             along[t][k] = (float)((t < 2 ? fit->place_weight : fit->force_weight) * tangents[t][k]);
     }
     point[6] = (float)(fit->size_weight * touch->log_size);
-    for (int32_t at = 0; at < row; at += 4) {
-        float4 off[POINT], square = all4(0.0f);
+    for (int32_t at = 0; at < row; at += BLOCK) {
+        float8 off[POINT], square = all8(0.0f);
         for (int k = 0; k < POINT; k++) {
-            off[k] = *(const float4 *)(fit->centre + k * row + at) - all4(point[k]);
+            off[k] = *(const float8 *)(fit->centre + k * row + at) - all8(point[k]);
             square += off[k] * off[k];
         }
-        float4 kernel = decay4(0.5f * square);
-        *(float4 *)(fit->both + at) = kernel;
+        float8 kernel = decay8(0.5f * square);
+        *(float8 *)(fit->both + at) = kernel;
         if (!tangents)
             continue;
         for (int t = 0; t < 4; t++) {
-            const float4 *across = off + (t < 2 ? 0 : 3);
-            float4 slope = across[0] * along[t][0] + across[1] * along[t][1] + across[2] * along[t][2];
-            *(float4 *)(fit->both + (1 + t) * row + at) = kernel * slope;
+            const float8 *across = off + (t < 2 ? 0 : 3);
+            float8 slope = across[0] * along[t][0] + across[1] * along[t][1] + across[2] * along[t][2];
+            *(float8 *)(fit->both + (1 + t) * row + at) = kernel * slope;
         }
-        *(float4 *)(fit->both + 5 * row + at) = kernel * (off[6] * growth);
+        *(float8 *)(fit->both + 5 * row + at) = kernel * (off[6] * growth);
     }
 }
 

@@ -16,26 +16,25 @@ struct labels {
     uint8_t *kept;                /* (n) result */
 };
 
-/* Return whether a found bead moved farther since the last frame than its limit. */
-KERNEL int labels_have_jumped(const struct labels *p) {
+/* Whether a kept bead moved farther since the last frame than its limit. */
+static int have_jumped(const struct labels *p) {
     for (int32_t bead = 0; bead < p->beads; bead++)
-        if (p->found[bead] &&
+        if (p->kept[bead] &&
             squared_between(p->position_px + 2 * bead, p->last_px + 2 * bead) > p->jump_squared[bead])
             return 1;
     return 0;
 }
 
-/* Write to `kept` the found beads without those that share a place with one that came from nearer by. Return
- * whether there may be such beads; else `kept` is not written. */
-KERNEL int labels_drop_doubles(const struct labels *p) {
+/* Write to `kept` the found beads without those that share a place with one that came from nearer by. */
+static void drop_doubles(const struct labels *p) {
     int may_meet = 0;
     for (int32_t bead = 0; bead < p->beads; bead++)
         may_meet |= !(squared_between(p->position_px + 2 * bead, p->reference_px + 2 * bead) <
                       p->min_overlap_squared);
-    if (!may_meet)
-        return 0;
     for (int32_t bead = 0; bead < p->beads; bead++)
         p->kept[bead] = p->found[bead];
+    if (!may_meet)
+        return;
     for (int32_t pair = 0; pair < p->pairs; pair++) {
         int32_t first = p->first[pair], other = p->other[pair];
         float x = (float)p->position_px[2 * first] - (float)p->position_px[2 * other];
@@ -46,5 +45,13 @@ KERNEL int labels_drop_doubles(const struct labels *p) {
         p->kept[step > squared_between(p->position_px + 2 * other, p->last_px + 2 * other) ? first : other] =
             0;
     }
-    return 1;
+}
+
+/* Drop doubles; return twice the number of beads that are not kept, and 1 more where a kept one jumped. */
+KERNEL int labels_check(const struct labels *p) {
+    int32_t lost = 0;
+    drop_doubles(p);
+    for (int32_t bead = 0; bead < p->beads; bead++)
+        lost += !p->kept[bead];
+    return 2 * lost + have_jumped(p);
 }

@@ -64,23 +64,17 @@ class LabelKernel:
             kept=address(self._kept, np.bool_),
         )
         self._byref = ctypes.byref(self._fields)
-        self._have_jumped = kernel("labels_have_jumped", POINTER)
-        self._drop_doubles = kernel("labels_drop_doubles", POINTER)
+        self._check = kernel("labels_check", POINTER)
 
-    def _load(self, position_px: Array, found: Mask, last_px: Array) -> None:
-        """Copy the frame into the kernel's memory."""
+    def check(self, position_px: Array, found: Mask, last_px: Array) -> tuple[int, bool]:
+        """Clear `found` (n,) of beads that share a place with another found one, whose step from last_px to
+        position_px (n, 2) is shorter.
+
+        Return how many are not found, and whether one that is moved by more than its limit.
+        """
         np.copyto(self._position_px, position_px)
         np.copyto(self._last_px, last_px)
         np.copyto(self._found, found)
-
-    def have_jumped(self, position_px: Array, found: Mask, last_px: Array) -> bool:
-        """Return whether a found (n,) bead moved by more than its limit: last_px to position_px (n, 2)."""
-        self._load(position_px, found, last_px)
-        return bool(self._have_jumped(self._byref))
-
-    def drop_doubles(self, position_px: Array, found: Mask, last_px: Array) -> None:
-        """Clear `found` (n,) of beads that share a place with another found one, whose step from last_px to
-        position_px (n, 2) is shorter."""
-        self._load(position_px, found, last_px)
-        if self._drop_doubles(self._byref):
-            np.copyto(found, self._kept)
+        result = self._check(self._byref)
+        np.copyto(found, self._kept)
+        return result >> 1, bool(result & 1)

@@ -17,7 +17,7 @@ static void add_scaled(const struct neighbourhood *p, const double *relative, do
         if (!p->found[other])
             continue;
         const double exponent = 0.5 * (relative[other] * relative[other] - nearest * nearest);
-        const double weight = decay4(all4((float)exponent))[0];
+        const double weight = decay8(all8((float)exponent))[0];
         for (int k = 0; k < 3; k++)
             sum[k] += weight * p->moved_px[3 * other + k];
     }

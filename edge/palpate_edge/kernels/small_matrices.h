@@ -15,25 +15,19 @@ static inline __attribute__((always_inline)) void multiply(const float *matrix, 
                                                            const float *values, int32_t values_row,
                                                            float *out, int32_t out_row, const int columns) {
     for (int32_t at = 0; at < width; at += BLOCK) {
-        float4 sums[MOST_COLUMNS][2];
+        float8 sums[MOST_COLUMNS];
 #pragma unroll
         for (int c = 0; c < columns; c++)
-            sums[c][0] = sums[c][1] = all4(0.0f);
+            sums[c] = all8(0.0f);
         for (int32_t k = 0; k < depth; k++) {
-            const float *row = matrix + (int64_t)k * width + at;
-            float4 first = *(const float4 *)row, second = *(const float4 *)(row + 4);
+            const float8 row = *(const float8 *)(matrix + (int64_t)k * width + at);
 #pragma unroll
-            for (int c = 0; c < columns; c++) {
-                float4 factor = all4(values[c * values_row + k]);
-                sums[c][0] += first * factor;
-                sums[c][1] += second * factor;
-            }
+            for (int c = 0; c < columns; c++)
+                sums[c] += row * values[c * values_row + k];
         }
 #pragma unroll
-        for (int c = 0; c < columns; c++) {
-            *(float4 *)(out + c * out_row + at) = sums[c][0];
-            *(float4 *)(out + c * out_row + at + 4) = sums[c][1];
-        }
+        for (int c = 0; c < columns; c++)
+            *(float8 *)(out + c * out_row + at) = sums[c];
     }
 }
 

@@ -81,6 +81,12 @@ class Beads(msgspec.Struct, frozen=True, dict=True):
         lost = NO_BEADS if found.all() else (~found).nonzero()[0]
         return cls(position_px, found, lost, searched, doubt, noise)
 
+    def moved_to(self, position_px: Array) -> Beads:
+        """Return the same beads at other places (n, 2)."""
+        beads = msgspec.structs.replace(self, position_px=position_px)
+        beads.__dict__.update(self.__dict__)  # the weights do not depend on the places
+        return beads
+
     @property
     def found_count(self) -> int:
         """Number of beads that were found."""

@@ -28,9 +28,9 @@ import numpy as np
 
 from palpate_edge.common.arrays import Array, Indices, Mask, median
 from palpate_edge.kernels.matching import MatchingGates, MatchingKernel, MatchingLimits
+from palpate_edge.kernels.nearest_blob import NO_BLOB
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.local_warp import LocalWarp
-from palpate_edge.vision.nearest_blob import NO_BLOB
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 START_GATE = 0.5  # local spacings, from the hypothesis to a blob

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.kernels.labels import LabelKernel
 from palpate_edge.vision.beads import Reference
 
 Labelling = tuple[Array, Mask]
 """One reading of a frame: places (n, 2) of the numbered beads, and which (n,) were found."""
+
+
+class CheckedLabels(NamedTuple):
+    """lost: beads that were not found, or are no more; has_jumped: whether a bead moved so far that it may be
+    its neighbour. That is another contact, not the same one a frame later."""
+
+    lost: int
+    has_jumped: bool
+
 
 PAIR_RANGE = 3.0  # spacings: beads nearer than that can come to lie on each other
 JUMP = 0.2  # of the spacing, from one frame to the next
@@ -29,17 +40,9 @@ class LabelCheck:
             min_overlap_squared=(float(gap_px.min()) / 2) ** 2,  # two beads that approach each other
         )
 
-    def has_jumped(self, labelling: Labelling, last_px: Array) -> bool:
-        """Return whether a bead moved so far since `last_px` (n, 2) that it may be its neighbour.
+    def check(self, labelling: Labelling, last_px: Array) -> CheckedLabels:
+        """Clear `found`, in place, of beads that share a place with another one that came from nearer by.
 
-        That is another contact, not the same one a frame later.
+        last_px (n, 2): the beads' places before.
         """
-        return self._kernel.have_jumped(*labelling, last_px)
-
-    def drop_doubles(self, labelling: Labelling, last_px: Array) -> Labelling:
-        """Clear `found` of beads that share a place with another one that came from nearer by.
-
-        Changes `found` in place and returns the labelling.
-        """
-        self._kernel.drop_doubles(*labelling, last_px)
-        return labelling
+        return CheckedLabels(*self._kernel.check(*labelling, last_px))

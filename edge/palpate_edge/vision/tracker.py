@@ -121,7 +121,6 @@ class Tracker:
         if labelling is None:
             beads = self._in_whole_image(dark)
             self._accepted_lost = len(beads.lost)
-            self._jumped = self._labels.has_jumped((beads.position_px, beads.found), self._last_px)
             is_near = self._windows.reaches(self._reference.position_px, beads.position_px)
             self._rest_shows = bool(is_near.all()) and len(beads.lost) <= MAX_LOST_AFTER_JUMP * len(is_near)
         else:
@@ -188,12 +187,10 @@ class Tracker:
             return None
         if missing:
             labelling = self._windows.find_missing()
-        labelling = self._labels.drop_doubles(labelling, start_px)
-        lost = count - np.count_nonzero(labelling[1])
+        lost, has_jumped = self._labels.check(labelling, start_px)
         if lost > max_lost:
             return None
-        moved_on = lost <= self._last_lost + MAX_LOST_AFTER_JUMP * count
-        if moved_on and not self._labels.has_jumped(labelling, start_px):
+        if lost <= self._last_lost + MAX_LOST_AFTER_JUMP * count and not has_jumped:
             return labelling
         return labelling if self._is_plausible(labelling) else None
 
@@ -223,5 +220,5 @@ class Tracker:
             position_px[beads], found[beads] = self._windows.find_matched(
                 expected_px[beads], beads, match.predicted_px[beads]
             )
-        position_px, found = self._labels.drop_doubles((position_px, found), self._last_px)
+        _, self._jumped = self._labels.check((position_px, found), self._last_px)
         return Beads.from_positions(position_px, found, searched=True, doubt=match.doubt)

@@ -235,7 +235,7 @@ def test_the_kernel_about_an_azimuth_does_not_depend_on_the_one_before():
     for azimuth_rad in (0.0, 0.7, 0.7, -1.3, 0.7):
         turned = canonical_directions() @ rotation_about_z(azimuth_rad).T
         expected = matern(turned, BEADS)
-        assert reader.canonical_kernel(azimuth_rad) == pytest.approx(expected, abs=1e-4)
+        assert reader.padded_kernel(azimuth_rad)[:, : len(BEADS)] == pytest.approx(expected, abs=1e-4)
 
 
 def test_no_motion_is_a_field_of_zeros():

@@ -31,7 +31,7 @@ class Watched:
     def __init__(self, reference, period_us=SECOND_US // 10):
         self.reference, self.period_us, self.now_us = reference, period_us, 0
         self.drift = Drift(reference, THRESHOLD_PX)
-        self.classifier = TouchClassifier(reference, self.drift, THRESHOLD_PX)
+        self.classifier = TouchClassifier(self.drift, THRESHOLD_PX)
         self.skin = SkinMotion(reference)
         self.random = np.random.default_rng(1)
 
@@ -42,8 +42,8 @@ class Watched:
     def see(self, moved_px, noise_px=NOISE_PX / 4):
         self.now_us += self.period_us
         place = self.reference.position_px + moved_px + noise_px * self.random.standard_normal((85, 2))
-        beads = self.drift.compensate(Beads.from_positions(place, np.ones(85, dtype=np.bool_)))
-        return self.classifier.classify(beads, self.skin.measure(beads), self.now_us)
+        beads = Beads.from_positions(place, np.ones(85, dtype=np.bool_))
+        return self.classifier.classify(self.skin.measure(beads, self.drift.field), self.now_us)
 
 
 @pytest.fixture(scope="module")
@@ -161,13 +161,13 @@ def test_no_press_of_the_finite_elements_moves_as_one():
         for probe in library.probes:
             for theta in np.radians(np.arange(0, 73, 8)):
                 reference = Reference(rest_px, 20 * one, one, one)
-                classifier = TouchClassifier(reference, Drift(reference, THRESHOLD_PX), THRESHOLD_PX)
+                classifier = TouchClassifier(Drift(reference, THRESHOLD_PX), THRESHOLD_PX)
                 depth_mm = 0.05 * library.largest_depth_mm(theta, probe)
                 field = library.field(beads_mm / 26.5, theta, depth_mm, (0.2 * depth_mm, 0.0), 0.3, probe)
                 place = view.project(beads_mm + field.displacement_mm)
                 beads = Beads.from_positions(place, one > 0)
                 motion = SkinMotion(reference).measure(beads)
-                assert classifier.classify(beads, motion, 0) is SkinState.TOUCHED, (probe, theta)
+                assert classifier.classify(motion, 0) is SkinState.TOUCHED, (probe, theta)
 
 
 def test_a_knock_is_no_contact_and_heals(watched, drawn_dome, another_dome):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate_edge.estimation.camera_motion import CameraMotion, SplitMotion, camera_modes
+from palpate_edge.estimation.camera_motion import SplitMotion, camera_modes
 from palpate_edge.estimation.contact_validation import ContactValidation
 from palpate_edge.estimation.drift import Drift
 from palpate_edge.estimation.frame_record import FrameRejectedError
@@ -20,7 +20,7 @@ from palpate_edge.estimation.plausibility import (
     check_found,
     check_smooth,
 )
-from palpate_edge.estimation.skin_motion import Motion, SkinMotion, faintness
+from palpate_edge.estimation.skin_motion import SkinMotion, faintness
 from palpate_edge.estimation.tare import Tare
 from palpate_edge.estimation.touch_classification import SkinState, TouchClassifier
 from palpate_edge.vision.beads import Beads, Reference
@@ -63,7 +63,7 @@ def test_the_six_motions_of_a_camera() -> None:
 @pytest.mark.parametrize("lost", [(), (0, 7, 20)])
 def test_a_moved_camera_leaves_no_dent(lost) -> None:
     moved = moved_by([1.5, -0.5, 0.3, 0.2, -0.1, 0.15])
-    split = CameraMotion(REFERENCE).split(moved, beads(moved, lost))
+    split = SkinMotion(REFERENCE).measure(beads(moved, lost)).split
     np.testing.assert_allclose(split.common_px, moved, atol=1e-9)
     np.testing.assert_allclose(split.dent_px, 0.0, atol=1e-9)
 
@@ -76,7 +76,7 @@ def test_the_common_part_is_the_weighted_least_squares_fit() -> None:
     root = np.repeat(np.sqrt(weight), 2)
     flat = camera_modes(REST_PX).reshape(-1, 6)
     amounts = np.linalg.lstsq(flat * root[:, None], moved.ravel() * root, rcond=None)[0]
-    split = CameraMotion(REFERENCE).split(moved, seen)
+    split = SkinMotion(REFERENCE).measure(seen).split
     np.testing.assert_allclose(split.common_px, (flat @ amounts).reshape(-1, 2), atol=1e-9)
     np.testing.assert_allclose(split.dent_px[np.arange(COUNT) != 5], (moved - split.common_px)[seen.found])
     assert not split.dent_px[5].any()
@@ -117,7 +117,8 @@ def test_a_shift_of_all_beads_has_its_own_size_also_where_beads_are_noisy() -> N
     assert noisy.size_px == pytest.approx(0.5, rel=1e-5)
     assert noisy.roughness == pytest.approx(0.0, abs=1e-6)
     assert noisy.noise == pytest.approx(2.0, rel=0.05)  # each place is twice as inexact
-    assert SkinMotion(REFERENCE).measure(beads(lost=range(COUNT)))[1:] == (0.0, 0.0, 1.0)
+    none = SkinMotion(REFERENCE).measure(beads(lost=range(COUNT)))
+    assert (none.size_px, none.roughness, none.noise, none.dent_size_px) == (0.0, 0.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -125,6 +126,19 @@ def test_a_shift_of_all_beads_has_its_own_size_also_where_beads_are_noisy() -> N
 )
 def test_faint_motions_are_less_exact_by_36_thresholds(over, factor) -> None:
     assert faintness(over * THRESHOLD_PX, THRESHOLD_PX) == pytest.approx(factor, rel=1e-4)
+
+
+@pytest.mark.parametrize("lost", [(), (3, 4, 18)])
+def test_the_size_of_a_dent_is_of_means_over_1_4_spacings(lost) -> None:
+    seen = beads(dent(2.0), lost)
+    motion, found = SkinMotion(REFERENCE).measure(seen), seen.found
+    means = gaussian_means(motion.split.dent_px, found.astype(float), 1.4)
+    assert motion.dent_size_px == pytest.approx(root_mean_square(means[found]), rel=1e-4)
+
+
+def without(drift: Drift, seen: Beads) -> np.ndarray:
+    """Places (n, 2) without the drift."""
+    return SkinMotion(REFERENCE).measure(seen, drift.field).position_px
 
 
 def common(shift_px: float) -> SplitMotion:
@@ -141,7 +155,7 @@ def test_a_drift_is_followed_at_its_rate_and_compensated() -> None:
     assert drift.explains(common(0.99).common_px) and not drift.explains(common(1.01).common_px)
     drift.follow_motion(common(3.0), 0.03, at_once=True)
     assert drift.total_px == pytest.approx(1.0)
-    np.testing.assert_allclose(drift.compensate(beads((1.0, 0.0))).position_px, REST_PX, atol=1e-9)
+    np.testing.assert_allclose(without(drift, beads((1.0, 0.0))), REST_PX, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -163,11 +177,11 @@ def test_a_press_on_a_moved_camera_is_measured_where_the_skin_is(motion_px) -> N
 
     drift = Drift(REFERENCE, THRESHOLD_PX)
     drift.follow_motion(SplitMotion(moved(REST_PX), np.zeros((COUNT, 2))), 0.1, at_once=True)
-    np.testing.assert_allclose(drift.compensate(beads(moved(REST_PX))).position_px, REST_PX, atol=1e-9)
+    np.testing.assert_allclose(without(drift, beads(moved(REST_PX))), REST_PX, atol=1e-9)
     pressed_px = REST_PX + dent(12.0)
     seen = beads(dent(12.0) + moved(pressed_px))
     assert np.abs(dent(12.0)).max() > 7.0
-    np.testing.assert_allclose(drift.compensate(seen).position_px, pressed_px, atol=0.03)
+    np.testing.assert_allclose(without(drift, seen), pressed_px, atol=0.03)
 
 
 def test_a_drift_that_is_not_taken_at_once_is_followed_in_0_2_s_and_goes_6_px_at_most() -> None:
@@ -195,13 +209,13 @@ class Skin:
 
     def __init__(self) -> None:
         self.drift = Drift(REFERENCE, THRESHOLD_PX)
-        self.classifier = TouchClassifier(REFERENCE, self.drift, THRESHOLD_PX)
+        self.classifier = TouchClassifier(self.drift, THRESHOLD_PX)
         self.now_us = 0
 
     def frame(self, moved_px, after_s: float = 1.0 / 30.0) -> SkinState:
         self.now_us += round(1e6 * after_s)
-        seen = self.drift.compensate(beads(moved_px))
-        return self.classifier.classify(seen, SkinMotion(REFERENCE).measure(seen), self.now_us)
+        motion = SkinMotion(REFERENCE).measure(beads(moved_px), self.drift.field)
+        return self.classifier.classify(motion, self.now_us)
 
 
 def test_frames_are_untouched_touched_or_of_a_knocked_camera() -> None:
@@ -276,7 +290,7 @@ def located(over: float, misfit: float, radius95_mm: float | None = 0.3, skin=Sk
     """A frame whose motion is `over` thresholds."""
     return SimpleNamespace(
         skin=skin,
-        motion=Motion(np.zeros((1, 2)), 2.0 * over * THRESHOLD_PX, 0.0, 2.0),
+        motion=SimpleNamespace(size_px=2.0 * over * THRESHOLD_PX, noise=2.0),
         located=SimpleNamespace(misfit=misfit, radius95_mm=radius95_mm),
         radius95_mm=None,
     )

@@ -57,7 +57,15 @@ def test_the_covariance_is_materns_about_the_azimuth(azimuth_rad):
 def test_the_azimuth_is_that_of_the_squared_displacement():
     smooth = COVARIANCE @ WEIGHTS
     x, y, _ = (smooth**2).sum(axis=1) @ UNIT
-    assert field().weigh(MOVED_PX) == pytest.approx(math.atan2(y, x), abs=1e-9)
+    for turn_rad in (0.0, 0.3):
+        azimuth_rad, _ = field().read(MOVED_PX, turn_rad, all_exact=False)
+        assert azimuth_rad == pytest.approx(math.atan2(y, x) + turn_rad, abs=1e-9)
+
+
+def test_the_mean_motion_is_that_of_the_beads_and_about_the_centre():
+    moved_mm = np.einsum("nij,nj->ni", MM_PER_PX, MOVED_PX)
+    expected = np.concatenate([moved_mm.mean(axis=0), np.cross(UNIT, moved_mm).mean(axis=0)])
+    assert field().mean_motion(MOVED_PX) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("size", [1.0, 0.05, 0.0])
@@ -68,26 +76,23 @@ def test_the_noise_of_exact_beads_is_over_the_frames_displacement(size):
     noise = NOISE + 16.0 * 0.02 / max(square - 0.02, 0.1 * square, 1e-12)
     weights = np.linalg.inv(COVARIANCE + noise * np.eye(BEADS)) @ moved_mm
     x, y, _ = ((COVARIANCE @ weights) ** 2).sum(axis=1) @ UNIT
-    reader, other = field(), field()
-    assert reader.weigh_exact(size * MOVED_PX) == pytest.approx(math.atan2(y, x), abs=1e-9)
-    other.give_weights(weights)
-    for one in (reader, other):
-        one.turn(0.4)
-    np.testing.assert_allclose(reader.values(0.4), other.values(0.4), rtol=1e-5, atol=1e-12)
+    azimuth_rad, values = field().read(size * MOVED_PX, 0.4, all_exact=True)
+    assert azimuth_rad == pytest.approx(math.atan2(y, x) + 0.4, abs=1e-9)
+    np.testing.assert_allclose(values, field().read_weighed(weights, azimuth_rad), rtol=1e-5, atol=1e-12)
 
 
 @pytest.mark.parametrize("given_by", ["displacement", "weights"])
 def test_the_field_is_the_interpolated_displacement_along_the_tangents(given_by):
     reader, azimuth_rad = field(), 0.9
     if given_by == "weights":
-        reader.give_weights(WEIGHTS)
+        values = reader.read_weighed(WEIGHTS, azimuth_rad)
     else:
-        reader.weigh(MOVED_PX)
-    reader.turn(azimuth_rad)
+        azimuth_rad, values = reader.read(MOVED_PX, azimuth_rad, all_exact=False)
+    assert reader.covariance[:, :BEADS] == pytest.approx(matern(AT @ turned(azimuth_rad).T, UNIT), rel=2e-6)
     turn = turned(azimuth_rad)
     moved = matern(AT @ turn.T, UNIT) @ WEIGHTS @ turn
     expected = np.einsum("pgi,gi->pg", TANGENTS, moved).ravel()
-    assert reader.values(azimuth_rad) == pytest.approx(expected, abs=2e-6 * np.abs(WEIGHTS).max() * BEADS)
+    assert values == pytest.approx(expected, abs=2e-6 * np.abs(WEIGHTS).max() * BEADS)
 
 
 @settings(deadline=None, max_examples=50)
@@ -95,9 +100,9 @@ def test_the_field_is_the_interpolated_displacement_along_the_tangents(given_by)
 def test_any_displacement_is_computed_with(value, azimuth_rad, place):
     reader, moved_px = field(), MOVED_PX.copy()
     moved_px.ravel()[place] = value
-    reader.weigh(moved_px)
-    reader.turn(azimuth_rad)
-    assert len(reader.values(azimuth_rad)) == 2 * DIRECTIONS
+    for all_exact in (False, True):
+        assert len(reader.read(moved_px, azimuth_rad, all_exact=all_exact)[1]) == 2 * DIRECTIONS
+    assert len(reader.mean_motion(moved_px)) == 6
 
 
 def test_geometry_of_other_beads_is_refused():

@@ -15,8 +15,8 @@ PAIRS = np.triu_indices(COUNT, 1)
 FLOATS = st.floats(allow_nan=True, allow_infinity=True)
 
 
-def kernel():
-    overlap_squared = np.full(len(PAIRS[0]), OVERLAP_PX**2)
+def kernel(overlap_px=OVERLAP_PX):
+    overlap_squared = np.full(len(PAIRS[0]), overlap_px**2)
     return LabelKernel(REST_PX, np.full(COUNT, LIMIT_PX**2), PAIRS, overlap_squared, NEAR_PX**2)
 
 
@@ -30,17 +30,27 @@ def test_doubles_are_dropped_from_farther(seed):
         if found[first] and found[other] and np.linalg.norm(place[first] - place[other]) < OVERLAP_PX:
             kept[first if step[first] > step[other] else other] = False
     checked = found.copy()
-    kernel().drop_doubles(place, checked, last)
+    result = kernel().check(place, checked, last)
     assert checked.tolist() == kept.tolist() != found.tolist()
-    assert kernel().have_jumped(place, found, last) == (step[found] > LIMIT_PX).any()
+    assert result == (np.count_nonzero(~kept), (step[kept] > LIMIT_PX).any())
+
+
+@pytest.mark.parametrize(("step_px", "jumps"), [(0.99 * LIMIT_PX, False), (1.01 * LIMIT_PX, True)])
+def test_one_step_of_a_found_bead_is_a_jump(step_px, jumps):
+    found, place = np.ones(COUNT, np.bool_), REST_PX.copy()
+    place[4, 1] += step_px
+    apart = kernel(overlap_px=0.0)
+    assert apart.check(place, found, REST_PX) == (0, jumps)
+    found[4] = False
+    assert apart.check(place, found, REST_PX) == (1, False)
 
 
 def test_beads_near_their_rest_are_no_doubles():
     found, place = np.ones(COUNT, np.bool_), REST_PX + 0.7 * NEAR_PX
-    kernel().drop_doubles(place, found, REST_PX)
+    kernel().check(place, found, REST_PX)
     assert found.all()
     place[3, 0] += 0.1  # one displacement of the limit, and all pairs are compared
-    kernel().drop_doubles(place, found, REST_PX)
+    kernel().check(place, found, REST_PX)
     assert not found.all()
 
 
@@ -49,6 +59,5 @@ def test_beads_near_their_rest_are_no_doubles():
 def test_any_places_only_clear(places):
     found = np.arange(COUNT) % 3 != 0
     kept = found.copy()
-    kernel().drop_doubles(np.array(places), kept, REST_PX)
-    assert not (kept & ~found).any()
-    kernel().have_jumped(np.array(places), found, REST_PX)
+    lost, _ = kernel().check(np.array(places), kept, REST_PX)
+    assert not (kept & ~found).any() and lost == np.count_nonzero(~kept)

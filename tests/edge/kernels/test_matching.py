@@ -10,10 +10,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import shortest_path
 
 from palpate_edge.geometry.points import distances
+from palpate_edge.kernels.nearest_blob import NO_BLOB
 from palpate_edge.vision.blob_detection import Blobs
 from palpate_edge.vision.correspondence import MIN_PATCH, PATCH_STEP, Correspondence
 from palpate_edge.vision.local_warp import LocalWarp
-from palpate_edge.vision.nearest_blob import NO_BLOB
 from palpate_edge.vision.neighbourhood import Neighbourhood
 
 SIDE, SPACING_PX = 12, 20.0

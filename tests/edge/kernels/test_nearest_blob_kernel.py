@@ -52,6 +52,29 @@ def test_places_beside_blobs_of_their_own_get_the_assignment_of_least_distance()
     )
 
 
+def test_blobs_a_fiftieth_of_a_pixel_apart_are_told_apart_far_from_the_origin() -> None:
+    blobs = np.array([[2000.0, 1500.0], [2010.0, 1500.0]])
+    at = np.array([[2004.98, 1500.0], [2005.02, 1500.0]])
+    assert grid_of(blobs).look_up(at)[0].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("others", [1, 2, 5])
+def test_a_blob_that_several_places_want_goes_to_the_nearest(others: int) -> None:
+    blobs = np.array([[10.0, 10.0], [50.0, 10.0]])
+    places = np.array([*([10.0 + 2.0 * (k + 1), 10.0] for k in range(others)), [10.5, 10.0], [50.0, 11.0]])
+    for order in (np.arange(len(places)), np.arange(len(places))[::-1]):
+        found = grid_of(blobs).assign(places[order], np.full(len(places), 400.0))
+        expected = np.full(len(places), NO_BLOB)
+        expected[others:] = [0, 1]
+        np.testing.assert_array_equal(found, expected[order])
+
+
+def test_a_blob_at_the_gate_is_out_of_it() -> None:
+    blobs, places = np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([[3.0, 0.0], [13.0, 0.0]])
+    assert grid_of(blobs).assign(places, np.array([9.0, 9.01])).tolist() == [NO_BLOB, 1]
+    assert grid_of(blobs).assign(places, np.zeros(2)).tolist() == [NO_BLOB, NO_BLOB]
+
+
 @given(PLACES, PLACES)
 @settings(max_examples=300, deadline=None)
 def test_any_numbers_give_a_blob_or_none(blobs, places):

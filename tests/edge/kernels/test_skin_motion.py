@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate_edge.kernels.camera_motion import CameraMotionKernel
-from palpate_edge.kernels.skin_motion import SkinMotionKernel
+from palpate_edge.kernels.skin_motion import SkinMotionKernel, SkinWeights
 
 BEADS = 27
 RANDOM = np.random.default_rng(6)
@@ -18,17 +17,15 @@ REST_PX = RANDOM.uniform(0, 300, (BEADS, 2))
 SPACING_PX = RANDOM.uniform(15, 30, BEADS)
 APART = np.linalg.norm(REST_PX[:, None] - REST_PX, axis=2) / SPACING_PX[:, None]
 AVERAGING, NEIGHBOURS = np.exp(-0.1 * APART**2), np.exp(-0.2 * APART**2) * (1 - np.eye(BEADS))
+DENTED = np.exp(-0.15 * APART**2)
+WEIGHTS = SkinWeights(AVERAGING, NEIGHBOURS, DENTED)
 MODES = RANDOM.standard_normal((BEADS, 2, 6))
 MOVED_PX = RANDOM.standard_normal((BEADS, 2))
 ONE, EVERYWHERE = np.ones(BEADS), np.ones(BEADS, np.bool_)
 
 
 def skin():
-    return SkinMotionKernel(REST_PX, SPACING_PX, AVERAGING, NEIGHBOURS)
-
-
-def camera():
-    return CameraMotionKernel(MODES, AVERAGING)
+    return SkinMotionKernel(REST_PX, SPACING_PX, WEIGHTS, MODES)
 
 
 def seen():
@@ -48,7 +45,8 @@ def rms(vectors):
 def test_exact_beads_move_as_the_mean_of_their_neighbours():
     motion = skin().measure(REST_PX + MOVED_PX, ONE, EVERYWHERE, all_exact=True)
     rough = (MOVED_PX - mean(NEIGHBOURS, MOVED_PX, ONE)) / SPACING_PX[:, None]
-    assert motion.displacement_px == pytest.approx(MOVED_PX, abs=1e-12)
+    assert motion.moved_px[0] == pytest.approx(REST_PX + MOVED_PX, abs=1e-12)
+    assert motion.moved_px[1] == pytest.approx(MOVED_PX, abs=1e-12)
     assert motion.size_px == pytest.approx(rms(mean(AVERAGING, MOVED_PX, ONE)), rel=1e-6)
     assert motion.roughness == pytest.approx(rms(rough), rel=1e-6)
     assert motion.noise == 1.0
@@ -68,8 +66,7 @@ def test_inexact_beads_count_by_the_variance_of_their_mean():
 
 def test_no_bead_shows_no_motion():
     motion = skin().measure(REST_PX + MOVED_PX, 0 * ONE, ~EVERYWHERE, all_exact=False)
-    assert motion[1:] == (0.0, 0.0, 1.0)
-    assert camera().size_px(MOVED_PX, 0 * ONE, ~EVERYWHERE) == 0.0
+    assert motion[1:] == (0.0, 0.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("all_seen", [True, False])
@@ -77,15 +74,29 @@ def test_the_common_part_is_that_of_least_squares(all_seen):
     weight, found = (ONE, EVERYWHERE) if all_seen else seen()
     root = np.repeat(np.sqrt(weight), 2)
     amounts = np.linalg.lstsq(root[:, None] * MODES.reshape(-1, 6), root * MOVED_PX.ravel())[0]
-    common_px, dent_px = camera().split(MOVED_PX, weight, found)
+    motion = skin().measure(REST_PX + MOVED_PX, weight, found, all_exact=all_seen)
+    common_px, dent_px = motion.moved_px[2:]
     assert common_px == pytest.approx(MODES @ amounts, abs=1e-9)
     assert dent_px == pytest.approx((MOVED_PX - MODES @ amounts) * found[:, None], abs=1e-9)
 
 
 def test_a_dent_is_averaged_over_the_found_beads():
     weight, found = seen()
-    expected = rms(mean(AVERAGING, MOVED_PX, weight)[found])
-    assert camera().size_px(MOVED_PX, weight, found) == pytest.approx(expected, rel=1e-5)
+    motion = skin().measure(REST_PX + MOVED_PX, weight, found, all_exact=False)
+    expected = rms(mean(DENTED, motion.moved_px[3], weight)[found])
+    assert motion.dent_size_px == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_drift_is_taken_off_before_anything_else():
+    """The slopes turn what is left of the displacement."""
+    kernel, drift_px = skin(), RANDOM.standard_normal((BEADS, 2))
+    slopes = np.eye(2) + 0.1 * RANDOM.standard_normal((BEADS, 2, 2))
+    kernel.drift(REST_PX + drift_px, slopes)
+    motion = kernel.measure(REST_PX + MOVED_PX, ONE, EVERYWHERE, all_exact=True)
+    moved_px = np.einsum("nij,nj->ni", slopes, MOVED_PX - drift_px)
+    expected = skin().measure(REST_PX + moved_px, ONE, EVERYWHERE, all_exact=True)
+    assert motion.moved_px == pytest.approx(expected.moved_px, abs=1e-9)
+    assert motion[1:] == pytest.approx(expected[1:], rel=1e-6)
 
 
 @settings(deadline=None, max_examples=50)
@@ -93,13 +104,11 @@ def test_a_dent_is_averaged_over_the_found_beads():
 def test_any_number_is_computed_with(moved, bead_weight, place, all_exact):
     moved_px, weight = MOVED_PX.copy(), ONE.copy()
     moved_px[place], weight[place] = moved, bead_weight
-    assert len(skin().measure(moved_px, weight, EVERYWHERE, all_exact=all_exact)) == 4
-    _, dent_px = camera().split(moved_px, weight, EVERYWHERE)
-    assert isinstance(camera().size_px(dent_px, weight, EVERYWHERE), float)
+    assert len(skin().measure(moved_px, weight, EVERYWHERE, all_exact=all_exact)) == 5
 
 
 def test_weights_of_other_beads_are_refused():
     with pytest.raises(ValueError, match="do not fit"):
-        SkinMotionKernel(REST_PX, SPACING_PX, AVERAGING[1:], NEIGHBOURS)
+        SkinMotionKernel(REST_PX, SPACING_PX, SkinWeights(AVERAGING, NEIGHBOURS, DENTED[1:]), MODES)
     with pytest.raises(ValueError, match="do not fit"):
-        CameraMotionKernel(MODES, AVERAGING[1:])
+        SkinMotionKernel(REST_PX, SPACING_PX, WEIGHTS, MODES[1:])

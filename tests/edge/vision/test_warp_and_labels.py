@@ -100,9 +100,9 @@ def test_a_step_of_a_fifth_of_the_spacing_is_a_jump(step: float, jumps: bool) ->
     moved = REST_PX.copy()
     moved[5, 0] += step * SPACING_PX
     found = np.ones(COUNT, np.bool_)
-    assert LabelCheck(reference()).has_jumped((moved, found), REST_PX) is jumps
+    assert LabelCheck(reference()).check((moved, found), REST_PX) == (0, jumps)
     found[5] = False
-    assert not LabelCheck(reference()).has_jumped((moved, found), REST_PX)
+    assert LabelCheck(reference()).check((moved, found), REST_PX) == (1, False)
 
 
 @pytest.mark.parametrize(("apart_px", "is_double"), [(3.9, True), (4.1, False)])
@@ -112,8 +112,8 @@ def test_of_two_beads_at_one_place_the_one_from_farther_is_dropped(apart_px: flo
     moved, found = REST_PX.copy(), np.ones(COUNT, np.bool_)
     way = (REST_PX[other] - REST_PX[one]) / SPACING_PX
     moved[one] = REST_PX[other] - apart_px * way
-    _, kept = LabelCheck(reference()).drop_doubles((moved, found), REST_PX)
-    assert kept[one] == (not is_double) and kept.sum() == COUNT - is_double
+    checked = LabelCheck(reference()).check((moved, found), REST_PX)
+    assert found[one] == (not is_double) and checked.lost == COUNT - found.sum() == is_double
 
 
 def test_patches_are_joined_by_small_steps_between_neighbours_and_have_eight_beads() -> None:
