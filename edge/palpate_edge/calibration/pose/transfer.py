@@ -18,6 +18,7 @@ import numpy as np
 from palpate_edge.calibration.measurement import dropped_presses
 from palpate_edge.calibration.pose.correction import OwnCorrection, fit_correction
 from palpate_edge.calibration.pose.label_axes import AxisChange, declared_change, measured_change
+from palpate_edge.calibration.pose.label_vectors import LabelVector, label_vectors
 from palpate_edge.calibration.pose.pose_model import PoseModel
 from palpate_edge.calibration.pose.press_matching import MIN_FOUND_TO_LEARN, is_clean
 from palpate_edge.calibration.pose.principal_modes import PrincipalModes, principal_modes
@@ -242,14 +243,25 @@ def _adapt(
     predicted = base.predicted(points)
     change = measured_change(predicted, own.targets, dataset.labels) or change
     first, targets = (change.applied(values, dataset.labels) for values in (predicted, here.targets))
-    left, deviation = own.targets - first, targets.std(axis=0)
+    vectors = label_vectors(here, dataset.labels)
+    left, deviation = own.targets - first, _deviations(targets, vectors)
     scaled = (first - targets.mean(axis=0)) / deviation
     corrections = []
     for some, learned in zip(base.kinds, base.metrics, strict=True):
         size = OFF * deviation[some]
-        found = fit_correction(points, learned.metric, scaled, left[:, some] / size)
-        corrections.append(found.times(size))
+        vector = next((one for one in vectors if list(one.places) == some), None)
+        found = fit_correction(points, learned.metric, scaled, left[:, some] / size, vector, vectors)
+        corrections.append(found.in_units(deviation, size))
     return change, corrections, points
+
+
+def _deviations(targets: Array, vectors: Sequence[LabelVector]) -> Array:
+    """Return the standard deviation (l,) of each label of targets (s, l), one for x and y of a vector."""
+    deviation = targets.std(axis=0)
+    for vector in vectors:
+        places = list(vector.places)
+        deviation[places] = np.sqrt(np.square(deviation[places]).mean())
+    return np.asarray(deviation)
 
 
 def _groups(base: Base, count: int, labels: int) -> tuple[tuple[LabelGroup, ...], Array]:
@@ -271,7 +283,7 @@ def _groups(base: Base, count: int, labels: int) -> tuple[tuple[LabelGroup, ...]
 def _packed(base: Base, targets: Array, corrections: list[OwnCorrection], count: int) -> LabelCorrection:
     """Return the corrections of all kinds, for labels in their units; own centres are the last of `count`."""
     order = _order(base.kinds)
-    trend = np.hstack([each.trend for each in corrections])[:, order] / targets.std(axis=0)[:, None]
+    trend = np.hstack([each.trend for each in corrections])[:, order]
     offset = np.concatenate([each.offset for each in corrections])[order] - targets.mean(axis=0) @ trend
     groups = []
     for some, each in zip(base.kinds, corrections, strict=True):

@@ -10,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 from tests.edge.calibration.pose.drawn_pad import DrawnPad
 
-from palpate_edge.calibration.pose.correction import fit_correction
 from palpate_edge.calibration.pose.label_axes import declared_change, measured_change
 from palpate_edge.calibration.pose.pose_evaluation import evaluate_pose
 from palpate_edge.calibration.pose.pose_model import PoseModel, load_pose_model, save_pose_model
@@ -23,9 +22,7 @@ from palpate_edge.common.arrays import Array
 from palpate_edge.common.contact_quantities import POSE_LABELS
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.datasets.pose_dataset import read_pose_dataset
-from palpate_edge.estimation.pose.kernel_expansion import matern
 from palpate_edge.geometry.picture_sensor import LabelAxes
-from palpate_edge.geometry.points import distances
 
 SPAN = (2.0, 6.0, 6.0, 4.0, 4.0, 12.0)
 # The other pad's table: x axis to the image's bottom, motion of the sensor.
@@ -117,19 +114,6 @@ def test_a_model_file_is_what_was_saved(tmp_path):
     save_pose_model(replace(model, displacement_px=model.displacement_px[:, :12]), tmp_path / "m.npz")
     with pytest.raises(CalibrationError, match="do not belong together"):
         load_pose_model(tmp_path / "m.npz")
-
-
-def test_a_trend_with_the_models_labels_is_learned_from_ten_presses():
-    """The first label is 0.8 too small and half of the second too large; the third only has noise."""
-    random = np.random.default_rng(4)
-    first, noise = random.normal(size=(210, 3)), 0.02 * random.normal(size=(210, 2))
-    left = np.stack([0.8 - 0.5 * first[:, 1], np.zeros(210)], axis=1) + noise
-    points = random.normal(size=(210, 5))
-    found = fit_correction(points[:10], np.eye(5), first[:10], left[:10]).times(np.array([1.0, 10.0]))
-    smooth = matern(distances(points[10:] @ found.metric, points[:10] @ found.metric) ** 2)
-    error = left[10:] * [1, 10] - (first[10:] @ found.trend + found.offset + smooth @ found.weights)
-    assert np.abs(error).mean(axis=0) == pytest.approx([0, 0], abs=0.25)
-    assert (np.abs(error) < found.half_width).mean() > 0.8
 
 
 def test_axes_declared_and_measured_are_the_same_change():
