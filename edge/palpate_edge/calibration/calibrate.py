@@ -186,9 +186,7 @@ def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measur
     from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
 
     radius_mm = sensor.markers.radius_mm
-    roll = camera_roll(
-        measured.reader(sensor.markers.radius_mm), training_presses(measured), dome.for_markers(radius_mm)
-    )
+    roll = camera_roll(measured.reader(radius_mm), training_presses(measured), dome.for_markers(radius_mm))
     open_rad = math.hypot(roll.sigma_rad, PRIOR_SIGMA[-1])
     return turned(measured, sensor, rotation_about_z(roll.angle_rad)), open_rad
 
@@ -280,7 +278,7 @@ def _train(
     )
 
     radius_mm = sensor.markers.radius_mm
-    reader = measured.reader(sensor.markers.radius_mm, typical)
+    reader = measured.reader(radius_mm, typical)
     presses, weighed = training_presses(measured), weighed_samples(measured, reader)
     of_size = dome.for_markers(radius_mm)
 

@@ -1,11 +1,11 @@
 """Correction of a pose model's regression on a new sensor, learned from few presses of its own.
 
-What the model has wrong is taken for a Gaussian process: a trend that is linear in the labels that it gives
-(another sensor is stiffer, or touched later), and a smooth rest. Tips are nearly alike in all directions:
-what is wrong in a vector, tilt or shear, is above all a multiple of the vectors that the model gives, scaled
-and turned alike whichever way they point. In complex numbers that is one coefficient a vector, where a trend
-of each label has four. How large each part is does not follow from ten presses. Therefore all settings count
-by how probable they make the presses (their evidence).
+The model's error on the new sensor is modelled as a Gaussian process: a trend that is linear in the labels
+that the model predicts (another sensor is stiffer, or touched later), and a smooth remainder. Tips are nearly
+isotropic, so the error of a vector, tilt or shear, is mainly a linear combination of the predicted vectors
+with complex coefficients: one coefficient scales and turns a vector in any direction, where a trend of each
+label has four. Ten presses do not determine the size of each part. All settings are therefore averaged,
+weighted by the probability of the presses under each (their evidence).
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _real(values: Values, vector: LabelVector | None) -> Array:
     """Return values (c, k) as they are, those of a vector, (c, 1), as its x and y (c, 2)."""
     if vector is None:
         return np.asarray(values.real)
-    return np.hstack([values.real, vector.sense * values.imag])
+    return vector.parts(values[:, 0])
 
 
 def _posterior(points: Array, first: Array, moved: Complex, left: Values) -> _Posterior:

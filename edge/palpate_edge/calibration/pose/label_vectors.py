@@ -30,6 +30,10 @@ class LabelVector(NamedTuple):
         """Return the vectors (s,) of labels (s, k), x + i y, with the image's sense and about any axis."""
         return np.asarray(labels[:, self.places] @ np.array([1.0, self.sense * 1j]))
 
+    def parts(self, vectors: Array | NDArray[np.complex128]) -> Array:
+        """Return x and y (s, 2) of vectors (s,) as `in_image` returns them."""
+        return np.stack([vectors.real, self.sense * vectors.imag], axis=1)
+
 
 def label_vectors(presses: PressesHere, labels: Sequence[str]) -> list[LabelVector]:
     """Return the vectors among the labels.

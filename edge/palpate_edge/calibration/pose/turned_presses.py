@@ -26,16 +26,16 @@ def turned_presses(presses: PressesHere, rest_px: Array, labels: Sequence[str]) 
     """
     vectors = label_vectors(presses, labels)
     found = [presses]
-    if any(sense == 0 for _, sense in vectors):
+    if any(vector.sense == 0 for vector in vectors):
         return found
     for number in range(1, TURNS):
         turn_rad = 2 * np.pi * number / TURNS
         registration = register_turned(rest_px, turn_rad)
         if registration is not None:
             targets = presses.targets.copy()
-            for places, sense in vectors:
-                turned = targets[:, places] @ (1, 1j) * np.exp(1j * sense * turn_rad)
-                targets[:, places] = np.stack([turned.real, turned.imag], axis=1)
+            for vector in vectors:
+                turned = vector.in_image(targets) * np.exp(1j * turn_rad)
+                targets[:, vector.places] = vector.parts(turned)
             found.append(
                 PressesHere(registration.displacement_here(rest_px, presses.displacement_px), targets)
             )
