@@ -1,4 +1,4 @@
-/* How much the pixels of an image deviate from their mean: see estimation/image_check.py. */
+/* Variance of the pixels of an image: see estimation/image_check.py. */
 
 #include "kernels.h"
 

@@ -8,7 +8,7 @@ import math
 from palpate_edge.kernels.library import kernel
 
 UNITS = 256.0
-"""Of the kernel's variance in a squared grey level."""
+"""Units of the kernel's variance in one squared grey level."""
 
 
 class DeviationKernel:

@@ -70,7 +70,7 @@ class LabelKernel:
         """Clear `found` (n,) of beads that share a place with another found one, whose step from last_px to
         position_px (n, 2) is shorter.
 
-        Return how many are not found, and whether one that is moved by more than its limit.
+        Return the number of beads that are not found, and whether a found one moved by more than its limit.
         """
         np.copyto(self._position_px, position_px)
         np.copyto(self._last_px, last_px)

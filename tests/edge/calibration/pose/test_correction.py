@@ -1,4 +1,4 @@
-"""What a pose model has wrong on another sensor, learned from few of its presses."""
+"""Corrections of a pose model's errors on another sensor, learned from few of its presses."""
 
 from __future__ import annotations
 
