@@ -18,7 +18,7 @@ from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, FitChannels, Fit
 from palpate_edge.vision.shading import Shading
 
 FORMAT = "palpate-calibration"
-VERSION = 4
+VERSION = 5
 
 
 class Bead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -28,8 +28,18 @@ from palpate_edge.kernels.blind_spot import BlindSpotKernel
 from palpate_edge.kernels.canonical_field import CanonicalFieldKernel, FieldNoise, MeanMotion
 from palpate_edge.vision.beads import Beads
 
-# Rings (polar angle in deg, count) of canonical directions; each ring is symmetric about x-z.
-CANONICAL_RINGS = ((0.0, 1), (12.0, 6), (24.0, 12), (36.0, 18), (48.0, 24), (60.0, 24), (72.0, 24))
+# Rings (polar angle in deg, count) of canonical directions; each ring is symmetric about x-z. The last one is
+# beyond all contacts: near the base the force shows in how the skin moves there.
+CANONICAL_RINGS = (
+    (0.0, 1),
+    (12.0, 6),
+    (24.0, 12),
+    (36.0, 18),
+    (48.0, 24),
+    (60.0, 24),
+    (72.0, 24),
+    (82.0, 24),
+)
 KERNEL_LENGTH = 0.45  # on the unit sphere: about two bead spacings of the paper's layout
 BEAD_NOISE = 1e-3  # variance of a bead's place, relative to the field's
 NOISE_WEIGHT = 16.0  # of the noise's variance: a contact's field is smoother than the kernel's samples

@@ -19,13 +19,16 @@ from numpy.typing import NDArray
 from palpate_edge.common.arrays import Array
 from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import CalibrationError
-from palpate_edge.estimation.displacement_field import canonical_directions
+from palpate_edge.estimation.displacement_field import canonical_directions, mirrored
 
 SHIPPED = Path(__file__).with_name("dome.npz")
 NAMES = ("fields", "directions", "forces", "markers_radius_mm")
 # A file may have none of these two groups.
 TWISTED_NAMES = ("twisted_fields", "torsions")  # of presses whose torsion is known
 SOLID_NAMES = ("points", "modes", "amounts", "solid_directions", "solid_forces", "solid_torsions")
+FIELDS = ("fields", "twisted_fields")
+PAIRED = "paired"  # in a file that leaves out the mirror images, each of which follows its press
+MIRROR = np.array([1.0, -1.0, 1.0])
 MODES = 120  # principal motions that a file keeps: 0.1 % of a press's motion is left
 # What numpy, zipfile and zlib raise on a file that is none, or whose bytes were changed.
 DAMAGED = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -106,6 +109,7 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
             groups = [group for group in (TWISTED_NAMES, SOLID_NAMES) if any(name in file for name in group)]
             names = sum(groups, NAMES)
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in names}
+            is_paired = PAIRED in file
     except FileNotFoundError:
         raise CalibrationError(f"{path} is missing: make it with palpate-edge train") from None
     except DAMAGED as error:
@@ -113,6 +117,8 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
             f"{path} is no dome model ({error}): make it with palpate-edge train"
         ) from None
     _check(arrays, path)
+    if is_paired:
+        _add_images(arrays)
     twisted = [arrays[name] for name in TWISTED_NAMES if name in arrays]
     return DomeModel(
         arrays["fields"],
@@ -122,6 +128,22 @@ def load_dome_model(path: Path = SHIPPED) -> DomeModel:
         TwistedPresses(*twisted) if twisted else None,
         _solid_presses(arrays),
     )
+
+
+def _images(arrays: dict[str, Array]) -> dict[str, Array]:
+    """Return the mirror images of the presses (y -> -y), those in three dimensions left out."""
+    images: dict[str, Array] = {name: mirrored(arrays[name]) for name in FIELDS if name in arrays}
+    images |= {name: np.asarray(arrays[name] * MIRROR) for name in ("directions", "forces")}
+    if "torsions" in arrays:
+        images["torsions"] = -arrays["torsions"]
+    return images
+
+
+def _add_images(arrays: dict[str, Array]) -> None:
+    """Put the mirror image of each press behind it."""
+    for name, images in _images(arrays).items():
+        both = np.stack([arrays[name], images], axis=1)
+        arrays[name] = both.reshape(-1, *images.shape[1:])
 
 
 def _solid_presses(arrays: dict[str, Array]) -> SolidPresses | None:
@@ -184,15 +206,16 @@ def _check(arrays: dict[str, Array], path: Path) -> None:
 
 def save_dome_model(dome: DomeModel, path: Path) -> None:
     """Write a dome model, fields in half precision (0.1 % of a motion)."""
-    arrays: dict[str, NDArray[np.floating]] = {
-        "fields": dome.fields.astype(np.float16),
-        "directions": dome.directions.astype(np.float32),
-        "forces": dome.forces.astype(np.float32),
-        "markers_radius_mm": np.asarray(dome.markers_radius_mm),
-    }
+    presses: dict[str, Array] = {"fields": dome.fields, "directions": dome.directions, "forces": dome.forces}
     if dome.twisted is not None:
-        arrays["twisted_fields"] = dome.twisted.fields.astype(np.float16)
-        arrays["torsions"] = dome.twisted.torsions.astype(np.float32)
+        presses |= {"twisted_fields": dome.twisted.fields, "torsions": dome.twisted.torsions}
+    firsts = {name: values[::2] for name, values in presses.items()}
+    is_paired = all(np.array_equal(images, presses[name][1::2]) for name, images in _images(firsts).items())
+    arrays: dict[str, NDArray[np.generic]] = {"markers_radius_mm": np.asarray(dome.markers_radius_mm)}
+    for name, values in (firsts if is_paired else presses).items():
+        arrays[name] = values.astype(np.float16 if name in FIELDS else np.float32)
+    if is_paired:
+        arrays[PAIRED] = np.asarray(is_paired)
     if dome.solid is not None:
         arrays["points"] = dome.solid.points.astype(np.float32)
         modes, amounts = _principal_motions(dome.solid.motions)

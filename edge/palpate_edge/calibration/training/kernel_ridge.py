@@ -42,6 +42,7 @@ from palpate_edge.estimation.calibration import RegionErrors
 
 DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
 ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
+FIRM = 0.5  # of the median size of the dome model's fields; a smaller field's shape is less exact
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
@@ -206,17 +207,30 @@ def _project(samples: Samples | None, dome: DomeModel | None, *, taught: bool) -
     if dome is None or not taught:
         return fit_projection(fields, None, None)
     targets = _targets(dome.fields, dome.directions, dome.forces)
-    off = targets - targets.mean(axis=0)
-    deviation = [np.sqrt((part**2).mean()) * np.ones(3) for part in (off[:, :3], off[:, 3:])]
-    return fit_projection(fields, dome.fields, off / np.concatenate(deviation))
+    weight = 1.0 / _noise(dome)
+    off = targets - np.average(targets, axis=0, weights=weight)
+    deviation = [
+        np.sqrt(np.average((part**2).mean(axis=1), weights=weight)) * np.ones(3)
+        for part in (off[:, :3], off[:, 3:])
+    ]
+    weighed = np.sqrt(weight)[:, None] * off / np.concatenate(deviation)
+    return fit_projection(fields, dome.fields, weighed)
+
+
+def _noise(dome: DomeModel) -> Array:
+    """Return the variance (n,) of each press's targets over that of a firm one: faint shapes are noisy."""
+    size = np.linalg.norm(dome.fields, axis=1)
+    return np.asarray(np.maximum(1.0, FIRM * np.median(size) / size) ** 2)
 
 
 def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> TrainedExpansion:
     points = projection.points(dome.fields)
     target = _targets(dome.fields, dome.directions, dome.forces)
-    offset = np.asarray(target.mean(axis=0))
-    gram = gaussian_kernel(points, points, length) + ridge * np.eye(len(points))
-    return TrainedExpansion(points, length, np.linalg.solve(gram, target - offset), offset)
+    noise = _noise(dome)
+    offset = np.asarray(np.average(target, axis=0, weights=1.0 / noise), dtype=np.float64)
+    gram = gaussian_kernel(points, points, length) + np.diag(ridge * noise)
+    weights: Array = np.asarray(np.linalg.solve(gram, target - offset), dtype=np.float64)
+    return TrainedExpansion(points, length, weights, offset)
 
 
 def _with_assumed_forces(samples: Samples, projection: Projection, base: TrainedExpansion | None) -> Samples:

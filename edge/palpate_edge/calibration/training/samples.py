@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from palpate_edge.calibration.measurement import Measured
 from palpate_edge.calibration.training.dome_adjustment import JigPress
+from palpate_edge.calibration.training.dome_model import MIRROR
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
@@ -23,7 +24,6 @@ REGION_SHARE = 0.25  # of the copies of a sensor's own presses: the radius is th
 FAR_COSINE = math.cos(math.radians(40.0))  # between the contact and each bead of such a region
 MOST_SAMPLES = 2000
 MOST_COPIES = 8
-MIRROR = np.array([1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate_edge.calibration.training.samples import MIRROR, Samples, TrainingPress
+from palpate_edge.calibration.training.dome_model import MIRROR
+from palpate_edge.calibration.training.samples import Samples, TrainingPress
 from palpate_edge.common.arrays import Array
 
 LEAST_SIZE = 1e-9  # N, of a force that has a direction

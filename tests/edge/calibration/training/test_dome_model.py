@@ -237,3 +237,25 @@ def test_a_place_that_cannot_be_written_is_named(dome, tmp_path, one_line):
         with pytest.raises(CalibrationError, match="cannot be written") as error:
             save_dome_model(dome, path)
         assert str(path) in one_line(error)
+
+
+def test_mirror_images_are_left_out_of_a_file_and_put_back(tmp_path):
+    dome = load_dome_model()
+    save_dome_model(dome, tmp_path / "pairs.npz")
+    with np.load(tmp_path / "pairs.npz") as file:
+        assert len(file["fields"]) == len(file["directions"]) == len(file["forces"]) == len(dome.fields) // 2
+        assert len(file["torsions"]) == len(dome.twisted.fields) // 2
+    read = load_dome_model(tmp_path / "pairs.npz")
+    assert read.fields == pytest.approx(dome.fields, rel=1e-3, abs=1e-6)
+    assert read.directions == pytest.approx(dome.directions)
+    assert read.forces == pytest.approx(dome.forces)
+    assert read.twisted.fields == pytest.approx(dome.twisted.fields, rel=1e-3, abs=1e-6)
+    assert read.twisted.torsions == pytest.approx(dome.twisted.torsions)
+
+
+def test_presses_without_their_mirror_images_are_kept_as_they_are(dome, tmp_path):
+    single = replace(dome, fields=dome.fields[::2], directions=dome.directions[::2], forces=dome.forces[::2])
+    save_dome_model(single, tmp_path / "single.npz")
+    read = load_dome_model(tmp_path / "single.npz")
+    assert read.forces == pytest.approx(single.forces)
+    assert read.twisted.torsions == pytest.approx(dome.twisted.torsions)
