@@ -291,7 +291,7 @@ def test_a_damaged_calibration_is_refused_in_our_words(
         ('"appearance"', '"apearance"', "unknown section [apearance]; did you mean [appearance]?"),
         ('"beads": [', '"beads": [3, ', "beads[0] = 3 is not a section [beads]"),
         ('"version": ', '"version": "" ', "is not valid JSON: cut short or damaged"),
-        ('"version": ', '"version": 0.5', "version = 0.54 is not a whole number"),
+        ('"version": ', '"version": 0.5', "version = 0.55 is not a whole number"),
     ],
 )
 def test_faults_of_a_calibration(drawn_calibration_file: Path, old: str, new: str, message: str) -> None:
