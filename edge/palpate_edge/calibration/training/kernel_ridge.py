@@ -42,7 +42,7 @@ from palpate_edge.estimation.calibration import RegionErrors
 
 DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
 ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
-FIRM = 0.5  # of the median size of the dome model's fields; a smaller field's shape is less exact
+FIRM = 0.5  # of the median size of the dome model's fields; the force of a smaller one is less exact
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
@@ -206,31 +206,36 @@ def _project(samples: Samples | None, dome: DomeModel | None, *, taught: bool) -
     fields = np.concatenate([part.fields for part in (samples, dome) if part is not None])
     if dome is None or not taught:
         return fit_projection(fields, None, None)
-    targets = _targets(dome.fields, dome.directions, dome.forces)
-    weight = 1.0 / _noise(dome)
-    off = targets - np.average(targets, axis=0, weights=weight)
-    deviation = [
-        np.sqrt(np.average((part**2).mean(axis=1), weights=weight)) * np.ones(3)
-        for part in (off[:, :3], off[:, 3:])
-    ]
-    weighed = np.sqrt(weight)[:, None] * off / np.concatenate(deviation)
-    return fit_projection(fields, dome.fields, weighed)
+    noise, off = _force_noise(dome), _targets(dome.fields, dome.directions, dome.forces)
+    off -= _offset(off, noise)
+    off[:, 3:] /= np.sqrt(noise)[:, None]
+    deviation = [np.sqrt((part**2).mean()) * np.ones(3) for part in (off[:, :3], off[:, 3:])]
+    return fit_projection(fields, dome.fields, off / np.concatenate(deviation))
 
 
-def _noise(dome: DomeModel) -> Array:
-    """Return the variance (n,) of each press's targets over that of a firm one: faint shapes are noisy."""
+def _force_noise(dome: DomeModel) -> Array:
+    """Return the variance (n,) of each press's force over its field's size, over that of a firm press."""
     size = np.linalg.norm(dome.fields, axis=1)
     return np.asarray(np.maximum(1.0, FIRM * np.median(size) / size) ** 2)
+
+
+def _offset(targets: Array, noise: Array) -> Array:
+    """Return the mean (6,) of targets (n, 6), that of forces by their noise (n,)."""
+    force = np.average(targets[:, 3:], axis=0, weights=1.0 / noise)
+    return np.concatenate([targets[:, :3].mean(axis=0), force])
 
 
 def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> TrainedExpansion:
     points = projection.points(dome.fields)
     target = _targets(dome.fields, dome.directions, dome.forces)
-    noise = _noise(dome)
-    offset = np.asarray(np.average(target, axis=0, weights=1.0 / noise), dtype=np.float64)
-    gram = gaussian_kernel(points, points, length) + np.diag(ridge * noise)
-    weights: Array = np.asarray(np.linalg.solve(gram, target - offset), dtype=np.float64)
-    return TrainedExpansion(points, length, weights, offset)
+    force_noise = _force_noise(dome)
+    offset = _offset(target, force_noise)
+    gram, off = gaussian_kernel(points, points, length), target - offset
+    weights = [
+        np.linalg.solve(gram + np.diag(ridge * noise), part)
+        for noise, part in ((np.ones(len(gram)), off[:, :3]), (force_noise, off[:, 3:]))
+    ]
+    return TrainedExpansion(points, length, np.concatenate(weights, axis=1), offset)
 
 
 def _with_assumed_forces(samples: Samples, projection: Projection, base: TrainedExpansion | None) -> Samples:
