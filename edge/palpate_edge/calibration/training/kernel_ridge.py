@@ -226,16 +226,13 @@ def _offset(targets: Array, noise: Array) -> Array:
 
 
 def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> TrainedExpansion:
-    points = projection.points(dome.fields)
+    points, noise = projection.points(dome.fields), _force_noise(dome)
     target = _targets(dome.fields, dome.directions, dome.forces)
-    force_noise = _force_noise(dome)
-    offset = _offset(target, force_noise)
+    offset = _offset(target, noise)
     gram, off = gaussian_kernel(points, points, length), target - offset
-    weights = [
-        np.linalg.solve(gram + np.diag(ridge * noise), part)
-        for noise, part in ((np.ones(len(gram)), off[:, :3]), (force_noise, off[:, 3:]))
-    ]
-    return TrainedExpansion(points, length, np.concatenate(weights, axis=1), offset)
+    places = np.linalg.solve(gram + ridge * np.eye(len(gram)), off[:, :3])
+    forces = np.linalg.solve(gram + np.diag(ridge * noise), off[:, 3:])
+    return TrainedExpansion(points, length, np.concatenate([places, forces], axis=1), offset)
 
 
 def _with_assumed_forces(samples: Samples, projection: Projection, base: TrainedExpansion | None) -> Samples:
