@@ -3,11 +3,14 @@
  * Pixels beyond the plane's edge repeat those at it. All places are in binned pixels. */
 
 #include "centroids.h"
+#include "fitted_plane.h"
 
 enum { SKIN_PIXELS = 16, CORE_PIXELS = 16, CIRCLE = SKIN_PIXELS + CORE_PIXELS, AT_ONCE = 8 };
 
+/* slope: of the skin's grey, beyond the reference's; counts where it `is_sloped`. */
 struct levels {
-    float skin, contrast, scale, unevenness;
+    float skin, contrast, scale, unevenness, slope[2];
+    int is_sloped;
 };
 
 static float pixel(struct plane plane, int32_t column, int32_t row) {
@@ -34,22 +37,52 @@ static void sort_skin(float values[SKIN_PIXELS]) {
     }
 }
 
-static struct levels measure_levels(const struct centroid_finder *finder, struct plane plane, int bead,
-                                    const int32_t centre[2]) {
-    const int32_t *step = finder->circles + (int64_t)bead * CIRCLE * 2;
-    float skin[SKIN_PIXELS], core = 0.0f, grey = 0.0f, variation = 0.0f;
-    for (int i = 0; i < SKIN_PIXELS; i++)
-        skin[i] = pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
-    for (int i = SKIN_PIXELS; i < CIRCLE; i++)
-        core += pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+/* Write the levels of a bead whose middle has the grey `core`; the skin's pixels are sorted. */
+static void set_levels(const struct centroid_finder *finder, float skin[SKIN_PIXELS], float core,
+                       struct levels *levels) {
+    float grey = 0.0f, variation = 0.0f;
     sort_skin(skin);
     for (int i = 0; i < SKIN_PIXELS; i++) {
         grey += finder->ranks[i] * skin[i];
         variation += finder->ranks[SKIN_PIXELS + i] * skin[i];
     }
-    struct levels levels = {grey, grey - core / CORE_PIXELS, 0.0f, 0.0f};
-    levels.scale = 1.0f / larger(levels.contrast, 1.0f);
-    levels.unevenness = variation * levels.scale;
+    levels->skin = grey;
+    levels->contrast = grey - core;
+    levels->scale = 1.0f / larger(levels->contrast, 1.0f);
+    levels->unevenness = variation * levels->scale;
+}
+
+/* Subtract the slope of the skin's grey from its pixels, where they have a clear one, and write the levels
+ * that are left. The unevenness stays. */
+static void level(const struct centroid_finder *finder, int bead, float skin[SKIN_PIXELS], float core,
+                  struct levels *levels) {
+    const int32_t *step = finder->circles + (int64_t)bead * CIRCLE * 2;
+    const struct fitted_plane plane = fit_plane(step, skin, SKIN_PIXELS);
+    const float unevenness = levels->unevenness;
+    if (!plane.is_clear)
+        return;
+    for (int i = 0; i < SKIN_PIXELS; i++)
+        skin[i] -= plane.slope[0] * (float)step[2 * i] + plane.slope[1] * (float)step[2 * i + 1];
+    set_levels(finder, skin, core, levels);
+    levels->unevenness = unevenness;
+    for (int a = 0; a < 2; a++)
+        levels->slope[a] = plane.slope[a] - finder->slope[2 * bead + a] * levels->contrast;
+    levels->is_sloped = 1;
+}
+
+static struct levels measure_levels(const struct centroid_finder *finder, struct plane plane, int bead,
+                                    const int32_t centre[2]) {
+    const int32_t *step = finder->circles + (int64_t)bead * CIRCLE * 2;
+    float skin[SKIN_PIXELS], sorted[SKIN_PIXELS], core = 0.0f;
+    struct levels levels = {0};
+    for (int i = 0; i < SKIN_PIXELS; i++)
+        sorted[i] = skin[i] = pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    for (int i = SKIN_PIXELS; i < CIRCLE; i++)
+        core += pixel(plane, centre[0] + step[2 * i], centre[1] + step[2 * i + 1]);
+    core /= CORE_PIXELS;
+    set_levels(finder, sorted, core, &levels);
+    if (levels.unevenness > finder->max_unevenness[bead])
+        level(finder, bead, skin, core, &levels);
     return levels;
 }
 
@@ -75,6 +108,15 @@ static void read_window(const struct centroid_finder *finder, struct plane plane
     }
 }
 
+/* Subtract the slope of the skin's grey from a window. */
+static void level_window(const struct centroid_finder *finder, const float slope[2]) {
+    for (int y = 0; y < finder->side; y++) {
+        for (int x = 0; x < finder->side; x++)
+            finder->window[y * finder->stride + x] -=
+                slope[0] * (float)(x - finder->reach) + slope[1] * (float)(y - finder->reach);
+    }
+}
+
 /* The centroid, from the centre of its window, and the bead's area. */
 static void measure_window(const struct centroid_finder *finder, struct plane plane, int bead,
                            const int32_t centre[2], struct levels levels, double offset[2], float *area) {
@@ -93,6 +135,8 @@ static void measure_window(const struct centroid_finder *finder, struct plane pl
     const float constant = skin * levels.scale - finder->gate;
     float masses[AT_ONCE] = {0}, moments_x[AT_ONCE] = {0}, moments_y[AT_ONCE] = {0};
     read_window(finder, plane, centre);
+    if (levels.is_sloped)
+        level_window(finder, levels.slope);
     for (int y = 0; y < side; y++) {
         const float up = (float)(y - reach), factor = up * slope_y - levels.scale;
         for (int x = 0; x < stride; x += AT_ONCE) {
@@ -159,6 +203,7 @@ static void find_centroid(const struct centroid_finder *finder, int i, int max_s
         finder->windows[i]++;
         finder->unevenness[i] = levels.unevenness;
         finder->contrast[i] = levels.contrast;
+        finder->levelled[i] = (uint8_t)levels.is_sloped;
         for (int a = 0; a < 2; a++) {
             finder->place[2 * i + a] = centre[a] + offset[a];
             step[a] = finder->place[2 * i + a] - place[a];

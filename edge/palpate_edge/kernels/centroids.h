@@ -25,6 +25,7 @@ struct centroid_finder {
     const float *slope; /* (beads, 2), of the skin's grey over the contrast */
     const double *slope_shift; /* (beads, 2), which the slope adds to the centroid */
     const float *half_area; /* (beads) */
+    const float *max_unevenness; /* (beads); from more on the skin's slope in the frame is subtracted */
     const double *diameter; /* (beads) */
     float *window; /* (side, stride), memory to work in; 0 beyond the side */
     int32_t *which; /* (beads), the beads that are looked for, where, and what is found: */
@@ -34,6 +35,7 @@ struct centroid_finder {
     float *contrast, *area, *unevenness;
     uint8_t *converged;
     int32_t *windows;
+    uint8_t *levelled; /* whether the skin's slope was subtracted */
 };
 
 int find_centroids(const struct centroid_finder *finder, int32_t count, int32_t max_steps, int32_t max_faint,

@@ -23,7 +23,8 @@ class WindowShapes(NamedTuple):
     reach: half the side of the windows; circles (n, 32, 2): steps (column, row) from the centre to pixels of
     the skin (16) and of the bead (16); ranks (2, 16): weights of the skin's sorted greys in its grey and in
     its variation; added (n or 1, side, side): to the pixels' weights; slope (n, 2): of the skin's grey over
-    the contrast; slope_shift (n, 2): of the centroid by the slope; half_area, diameter (n,).
+    the contrast; slope_shift (n, 2): of the centroid by the slope; half_area (n,); max_unevenness (n,): from
+    more on the skin's slope in the frame is subtracted; diameter (n,).
     """
 
     reach: int
@@ -33,6 +34,7 @@ class WindowShapes(NamedTuple):
     slope: Array
     slope_shift: Array
     half_area: Array
+    max_unevenness: Array
     diameter: Array
 
 
@@ -48,7 +50,7 @@ class WindowLimits(NamedTuple):
 
 class Found(NamedTuple):
     """Centroids of m beads: place (m, 2), binned pixels; contrast, area, unevenness (m,); converged (m,);
-    windows (m,): that were measured."""
+    windows (m,): that were measured; levelled (m,): the slope of the skin's grey was subtracted."""
 
     place: Array
     contrast: Floats
@@ -56,6 +58,7 @@ class Found(NamedTuple):
     unevenness: Floats
     converged: Mask
     windows: Counts
+    levelled: Mask
 
 
 class _Plane(ctypes.Structure):
@@ -88,11 +91,13 @@ class CentroidFinder:
         added = np.full((len(shapes.added), side, stride), OUTSIDE)
         added[:, :, :side] = shapes.added.reshape(-1, side, side)
         given = shapes._replace(added=added)[1:]
-        types = (np.int32, np.float32, np.float32, np.float32, np.float64, np.float32, np.float64)
+        types = (np.int32, np.float32, np.float32, np.float32, np.float64, np.float32, np.float32, np.float64)
         self._chosen, self._start = ChosenBeads(count), np.zeros((count, 2))
         self._min_contrast, *floats = np.zeros((4, count), np.float32)
-        flags, windows = np.zeros(count, np.bool_), np.zeros(count, np.int32)
-        self._found = Found(np.zeros((count, 2)), floats[0], floats[1], floats[2], flags, windows)
+        flags, windows = np.zeros((2, count), np.bool_), np.zeros(count, np.int32)
+        self._found = Found(
+            np.zeros((count, 2)), floats[0], floats[1], floats[2], flags[0], windows, flags[1]
+        )
         self._arrays = (  # in the order of the structure; kept as long as the finder is used
             *(np.ascontiguousarray(array, kind) for array, kind in zip(given, types, strict=True)),
             np.zeros((side, stride), np.float32),

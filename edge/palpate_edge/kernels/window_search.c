@@ -8,7 +8,7 @@ struct window_search {
     struct neighbourhood *neighbours;
     int32_t beads, binning;
     int32_t max_windows; /* of one bead in one search */
-    float min_contrast_share, min_predicted_share, min_blob_share, added_unevenness;
+    float min_contrast_share, min_predicted_share, min_blob_share, added_unevenness, max_levelled_glare;
     float dim, glare_noise, glare_noise_per_unevenness, max_noise;
     double max_step_squared, max_predicted_squared, max_blob_squared,
         max_faint_squared; /* squared spacings */
@@ -22,7 +22,7 @@ struct window_search {
     double *last_start_px;                /* (beads, 2) of the last search of all */
     double *position_px;                  /* (beads, 2) results, by bead */
     float *contrast_share, *area, *excess; /* (beads) */
-    uint8_t *converged, *found;
+    uint8_t *converged, *found, *levelled;
     int64_t *some;                        /* (beads) input: the beads that are looked for */
     float *sorted, *noise_unevenness;     /* (beads) scratch; (1): unevenness that most beads share */
     float *noise;                         /* (beads) result */
@@ -52,6 +52,7 @@ static void keep(const struct window_search *s, int32_t count) {
         s->area[bead] = finder->area[i];
         s->excess[bead] = finder->unevenness[i] - s->max_unevenness[bead];
         s->converged[bead] = finder->converged[i];
+        s->levelled[bead] = finder->levelled[i];
         s->windows[bead] += finder->windows[i];
     }
 }
@@ -192,6 +193,11 @@ static int is_faint_and_off(const struct window_search *s, int32_t bead, const d
            !(step < s->max_faint_squared * s->spacing_squared[bead]);
 }
 
+/* Whether a bead has no more glare beside it than `max_glare`, or the most of a bead that was levelled. */
+static int is_clear(const struct window_search *s, int32_t bead, float max_glare) {
+    return s->excess[bead] < (s->levelled[bead] ? larger(max_glare, s->max_levelled_glare) : max_glare);
+}
+
 /* Look for the beads that were not found where the others predict them. */
 KERNEL int window_search_missing(const struct window_search *s, float max_glare) {
     const struct neighbourhood *neighbours = s->neighbours;
@@ -215,7 +221,7 @@ KERNEL int window_search_missing(const struct window_search *s, float max_glare)
         s->found[bead] = s->converged[bead] && s->contrast_share[bead] > s->min_predicted_share &&
                          s->area[bead] > s->min_area[bead] && s->area[bead] < s->max_area[bead] &&
                          step < s->max_predicted_squared * s->spacing_squared[bead] &&
-                         !is_faint_and_off(s, bead, predicted) && s->excess[bead] < max_glare;
+                         !is_faint_and_off(s, bead, predicted) && is_clear(s, bead, max_glare);
     }
     return 0;
 }
@@ -240,7 +246,7 @@ KERNEL int window_search_matched(const struct window_search *s, int32_t count, i
         const double step = squared_between(s->position_px + 2 * bead, s->expected_px + 2 * i);
         s->found[bead] = s->contrast_share[bead] > s->min_blob_share && s->area[bead] < s->max_area[bead] &&
                          step < s->max_blob_squared * s->spacing_squared[bead] &&
-                         !is_faint_and_off(s, bead, s->predicted_px + 2 * i) && s->excess[bead] < max_glare;
+                         !is_faint_and_off(s, bead, s->predicted_px + 2 * i) && is_clear(s, bead, max_glare);
     }
     return 0;
 }

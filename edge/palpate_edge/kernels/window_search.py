@@ -22,6 +22,7 @@ class SearchLimits(NamedTuple):
     min_predicted_share: float
     min_blob_share: float
     added_unevenness: float
+    max_levelled_glare: float
     dim: float
     glare_noise: float
     glare_noise_per_unevenness: float
@@ -51,7 +52,7 @@ class SearchedBeads(NamedTuple):
 
 
 _SINGLES = 5  # of SearchedBeads are float32, the others float64
-_FLOATS = 8  # of SearchLimits
+_FLOATS = 9  # of SearchLimits
 
 
 class _Search(ctypes.Structure):
@@ -62,7 +63,8 @@ class _Search(ctypes.Structure):
         *((name, c_double) for name in SearchLimits._fields[_FLOATS:]),
         *((name, POINTER) for name in SearchedBeads._fields),
         *((name, POINTER) for name in ("expected_px", "predicted_px", "last_start_px", "position_px")),
-        *((name, POINTER) for name in ("contrast_share", "area", "excess", "converged", "found")),
+        *((name, POINTER) for name in ("contrast_share", "area", "excess")),
+        *((name, POINTER) for name in ("converged", "found", "levelled")),
         *((name, POINTER) for name in ("some", "sorted", "noise_unevenness", "noise", "windows")),
     )
 
@@ -89,7 +91,7 @@ class WindowSearchKernel:
         self._expected_px, self._predicted_px = np.zeros((2, count, 2))
         self._position_px, last_start_px = np.zeros((2, count, 2))
         self._contrast_share, self._area, self.excess, self._noise = np.zeros((4, count), np.float32)
-        self._converged, self._found = np.zeros((2, count), np.bool_)
+        self._converged, self._found, levelled = np.zeros((3, count), np.bool_)
         self._some, self.windows = np.zeros((2, count), np.int64)
         self._unevenness = np.zeros(1, np.float32)
         self._arrays: tuple[
@@ -98,7 +100,7 @@ class WindowSearchKernel:
             *(np.ascontiguousarray(array, np.float32) for array in beads[:_SINGLES]),
             *(np.ascontiguousarray(array, np.float64) for array in beads[_SINGLES:]),
             *(self._expected_px, self._predicted_px, last_start_px, self._position_px),
-            *(self._contrast_share, self._area, self.excess, self._converged, self._found),
+            *(self._contrast_share, self._area, self.excess, self._converged, self._found, levelled),
             *(self._some, np.zeros(count, np.float32), self._unevenness, self._noise, self.windows),
         )
         self._parts = finder, means

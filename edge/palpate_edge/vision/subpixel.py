@@ -9,6 +9,11 @@ Brightness falls off across a bead. The grey half-way between bead and skin then
 and the wider the edges (blur), the more this displaces the centroid. Therefore the slope of the skin's grey,
 measured on the untouched sensor, is subtracted first: from each pixel in proportion to its brightness,
 because a pixel twice as bright as the skin also changes twice as much.
+
+Light that slopes in one frame only (a lamp's halo, a contact's shade) displaces the centroid in the same way,
+by up to two pixels. Where the skin about a bead is more uneven than in the reference frames, a plane through
+its pixels that counts outlying ones less gives the slope (kernels/fitted_plane.h), which is subtracted too. A
+light's edge, a bead beside and camera noise are no plane, and nothing is subtracted.
 """
 
 from __future__ import annotations
@@ -40,7 +45,7 @@ class Refined(msgspec.Struct, frozen=True):
 
     position_px (n, 2); contrast (n,): grey levels; area (n,): in bead disks, 1 is a whole bead; unevenness
     (n,): variation of the skin's grey around the bead, over the contrast; converged (n,): the last step was
-    small; windows (n,): that were measured.
+    small; windows (n,): that were measured; levelled (n,): the slope of the skin's grey was subtracted.
     """
 
     position_px: Array
@@ -49,6 +54,7 @@ class Refined(msgspec.Struct, frozen=True):
     unevenness: Floats
     converged: Mask
     windows: Counts
+    levelled: Mask
 
 
 def refined_places(dark: Plane, start_px: Array, diameter_px: float) -> Array:
@@ -65,10 +71,15 @@ class Refiner:
     """
 
     def __init__(
-        self, diameter_px: Array, spacing_px: Array | None = None, shading: Shading | None = None
+        self,
+        diameter_px: Array,
+        spacing_px: Array | None = None,
+        shading: Shading | None = None,
+        max_unevenness: Array | None = None,
     ) -> None:
         """diameter_px (n,); spacing_px (n,): distance to the nearest other bead, whose pixels are left out;
-        shading: none if not given."""
+        shading: none if not given; max_unevenness (n,): from more on the slope of the skin's grey in the
+        frame itself is subtracted, never if not given."""
         self.binning = 2 if diameter_px.min() >= BINNED_FROM_PX else 1
         diameter = np.asarray(diameter_px, dtype=np.float64) / self.binning
         disk = DISK_RADIUS * diameter
@@ -92,6 +103,7 @@ class Refiner:
             # Subtracting the skin's slope displaces the centroid of an unshaded bead.
             (unlit is None) * slope * diameter[:, None] ** 2 / 16,
             0.5 * np.pi / 4 * diameter**2,
+            np.full(len(diameter), np.inf) if max_unevenness is None else max_unevenness,
             diameter,
         )
         self.finder = CentroidFinder(shapes, WindowLimits(GATE, unlit, DARKEST_SKIN, MAX_STEP))

@@ -2,7 +2,7 @@
 
 A frame is read in small windows around the last places, the missing beads once more where their neighbours
 predict them. Such labels are accepted when no bead jumped and hardly more are missing than before, or when
-nearly all beads are there and move as one skin. Otherwise the blobs of the whole image are matched with the
+no more are missing than in the last search and all move as one skin. Otherwise the blobs of the whole image are matched with the
 beads by topology (correspondence.py).
 
 Where the first windows show that the beads jumped away, the windows about the reference's places are read
@@ -195,9 +195,9 @@ class Tracker:
         return labelling if self._is_plausible(labelling) else None
 
     def _is_plausible(self, labelling: Labelling) -> bool:
-        """Return whether nearly all beads were found and are displaced like their neighbours."""
+        """Return whether no further beads were lost and all are displaced like their neighbours."""
         position_px, found = labelling
-        if np.count_nonzero(found) < (1.0 - MAX_LOST_AFTER_JUMP) * len(found):
+        if len(found) - np.count_nonzero(found) > self._accepted_lost:
             return False
         return self._correspondence.is_smooth(position_px, found)
 

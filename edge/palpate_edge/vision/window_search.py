@@ -17,6 +17,8 @@ from palpate_edge.vision.subpixel import CONVERGED_STEP, Refiner
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
+# The same in the reference frames; the places of more uneven beads, at the dome's edge, are off there too.
+MAX_LEVELLED = 0.2
 MAX_STEP = 0.45  # of the spacing, from the expected place
 MAX_WINDOW_STEP = 0.5  # of the bead's diameter, from one window to the next
 JUMP, MAX_JUMPED_SHARE = 0.2, 0.05  # of the spacing in the first window, and of the beads
@@ -34,7 +36,8 @@ DIM = 0.7  # of the contrast; lighter beads are exact
 GLARE_NOISE, GLARE_NOISE_PER_UNEVENNESS = 2.5, 25.0  # at the limit, and beyond
 MAX_NOISE = 10.0
 MAX_GLARE = 0.05  # of the contrast, beyond the limit; a light's edge displaces such a bead by pixels
-MAX_FITTED_GLARE = 0.3  # of beads that are measured again by symmetric_fit.py
+# The same where the slope of the skin's grey is subtracted, or symmetric_fit.py measures the bead again.
+MAX_LEVELLED_GLARE = 0.3
 
 
 class WindowSearch:
@@ -42,18 +45,21 @@ class WindowSearch:
 
     def __init__(self, reference: Reference) -> None:
         spacing_px, diameter_px = reference.neighbourhood.spacing_px, reference.diameter_px
-        self._refiner = Refiner(diameter_px, spacing_px, reference.shading)
+        uneven = reference.unevenness
+        unevenness = np.full(spacing_px.shape, np.inf) if uneven is None else uneven
+        max_unevenness = unevenness + MAX_ADDED_UNEVENNESS
+        levelled_from = np.where(unevenness < MAX_LEVELLED, max_unevenness, np.inf)
+        self._refiner = Refiner(diameter_px, spacing_px, reference.shading, levelled_from)
         self._max_step_px = MAX_STEP * spacing_px
         self.allow_glare(allowed=False)
         contrast = np.maximum(reference.contrast, 1e-3)
-        unevenness = np.inf if reference.unevenness is None else reference.unevenness
         min_area, max_area = AREA_RANGE
         beads = SearchedBeads(
             contrast,
             MIN_CONTRAST_SHARE * contrast,
             min_area * reference.area,
             max_area * reference.area,
-            np.full(spacing_px.shape, unevenness + MAX_ADDED_UNEVENNESS),
+            max_unevenness,
             spacing_px**2,
             (JUMP * spacing_px) ** 2,
             (MAX_WINDOW_STEP * diameter_px) ** 2,
@@ -64,6 +70,7 @@ class WindowSearch:
             MIN_PREDICTED_CONTRAST_SHARE,
             MIN_BLOB_CONTRAST_SHARE,
             MAX_ADDED_UNEVENNESS,
+            MAX_LEVELLED_GLARE,
             DIM,
             GLARE_NOISE,
             GLARE_NOISE_PER_UNEVENNESS,
@@ -115,7 +122,7 @@ class WindowSearch:
     def allow_glare(self, *, allowed: bool) -> None:
         """Accept beads in strong glare, and one window at a blob, since places are measured again by their
         symmetry."""
-        self._max_glare = MAX_FITTED_GLARE if allowed else MAX_GLARE
+        self._max_glare = MAX_LEVELLED_GLARE if allowed else MAX_GLARE
         self._windows_of_blob = 1 if allowed else MAX_WINDOWS
 
     def find_beads(

@@ -5,7 +5,8 @@ position, depth and slide. Further presses, which teach the torsion alone, vary 
 
 Presses of other places, twists and walls of uneven stiffness are kept in three dimensions, for the camera of
 the sensor that is calibrated. Of presses that are spread evenly over the dome one in a hundred is within
-8 deg of the apex, where grasps begin: further ones are near it. `palpate-host simulate dome model` writes the
+8 deg of the apex, where grasps begin: further ones are near it. Further ones too are by the smallest ball,
+whose deep presses near the base differ most from the others. `palpate-host simulate dome model` writes the
 file.
 """
 
@@ -30,7 +31,7 @@ from palpate_twin.dome.uneven_wall import UnevenWall, random_stiffness
 SENSORS = 24
 TWISTED_SENSORS = 12
 PRESSES_A_SENSOR = 50
-SOLID_PRESSES, APEX_PRESSES = 900, 240
+SOLID_PRESSES, APEX_PRESSES, BALL_PRESSES = 900, 240, 300
 UNEVEN_WALLS, PRESSES_A_WALL, UNEVENNESS = 10, 30, 0.15
 COPIES = 1
 MOST_THETA_RAD = np.radians(75.0)
@@ -74,8 +75,8 @@ def dome_samples(
 
 
 def solid_presses(library: FieldLibrary, rng: np.random.Generator) -> SolidPresses:
-    """Return `SOLID_PRESSES` presses of an even wall, `APEX_PRESSES` near its apex, and `PRESSES_A_WALL` of
-    each uneven wall, at azimuth 0 on the library's own directions."""
+    """Return `SOLID_PRESSES` presses of an even wall, `APEX_PRESSES` near its apex, `PRESSES_A_WALL` of each
+    uneven wall, and `BALL_PRESSES` by the smallest ball, at azimuth 0 on the library's own directions."""
     parts = [
         *(_solid_press(library, rng) for _ in range(SOLID_PRESSES)),
         *(_solid_press(library, rng, near_apex=True) for _ in range(APEX_PRESSES)),
@@ -86,6 +87,7 @@ def solid_presses(library: FieldLibrary, rng: np.random.Generator) -> SolidPress
         points_mm = field_grid.BEAD_RADIUS_MM * points
         wall = UnevenWall(stiffness, points_mm, library.outer_radius_mm, library.wall_mm)
         parts += [_solid_press(library, rng, wall) for _ in range(PRESSES_A_WALL)]
+    parts += [_solid_press(library, rng, probe=Probe.SPHERE5) for _ in range(BALL_PRESSES)]
     fields, directions = zip(*parts, strict=True)
     return SolidPresses(
         points,
@@ -102,9 +104,11 @@ def _solid_press(
     wall: UnevenWall | None = None,
     *,
     near_apex: bool = False,
+    probe: Probe | None = None,
 ) -> tuple[Field, Array]:
     """Return the field of a press at azimuth 0, and its direction (3,)."""
-    contact = _random_contact(library, rng, twisted=True, near_apex=near_apex)._replace(azimuth_rad=0.0)
+    contact = _random_contact(library, rng, twisted=True, near_apex=near_apex, probe=probe)
+    contact = contact._replace(azimuth_rad=0.0)
     field = library.solved(
         contact.theta_rad, contact.depth_mm, contact.shear_mm, contact.probe, contact.twist_rad
     )
@@ -174,12 +178,18 @@ class _Contact(NamedTuple):
 
 
 def _random_contact(
-    library: FieldLibrary, rng: np.random.Generator, *, twisted: bool, near_apex: bool = False
+    library: FieldLibrary,
+    rng: np.random.Generator,
+    *,
+    twisted: bool,
+    near_apex: bool = False,
+    probe: Probe | None = None,
 ) -> _Contact:
-    """Return a contact at a random place of the dome or, by uniform angles, near its apex."""
-    probe = (
-        Probe.PLATE if rng.uniform() < PLATE_SHARE else library.probes[int(rng.integers(len(library.probes)))]
-    )
+    """Return a contact by a probe, any one if None, at a random place of the dome or, by uniform angles, near
+    its apex."""
+    if probe is None:
+        is_plate = rng.uniform() < PLATE_SHARE
+        probe = Probe.PLATE if is_plate else library.probes[int(rng.integers(len(library.probes)))]
     if near_apex:
         theta = float(rng.uniform(0.0, APEX_THETA_RAD))
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import erf
@@ -16,8 +18,9 @@ COUNT, ONE = len(REST_PX), 12
 ROW, COLUMN = np.mgrid[0:150, 0:150]
 
 
-def plane(place_px=REST_PX, contrast=100.0, diameter_px=DIAMETER_PX, glare=None) -> np.ndarray:
-    """Dark blurred disks on skin of 180; contrast, diameter_px: of each bead. glare: (x, y, grey levels)."""
+def plane(place_px=REST_PX, contrast=100.0, diameter_px=DIAMETER_PX, glare=None, slope=None) -> np.ndarray:
+    """Dark blurred disks on skin of 180; contrast, diameter_px: of each bead. glare: (x, y, grey levels);
+    slope: grey levels a pixel, in x and in y, about the bead ONE."""
     grey = np.full(ROW.shape, 180.0)
     contrasts, diameters = (np.broadcast_to(np.asarray(one, float), COUNT) for one in (contrast, diameter_px))
     for (x, y), dark, wide in zip(place_px, contrasts, diameters, strict=True):
@@ -26,6 +29,9 @@ def plane(place_px=REST_PX, contrast=100.0, diameter_px=DIAMETER_PX, glare=None)
     if glare is not None:
         x, y, light = glare
         grey += light * (np.hypot(COLUMN - x, ROW - y) < 6.0)
+    if slope is not None:
+        x, y = np.clip(np.stack([COLUMN, ROW], axis=-1) - REST_PX[ONE], -10.0, 10.0).transpose(2, 0, 1)
+        grey += slope[0] * x + slope[1] * y
     return grey.astype(np.float32)
 
 
@@ -166,6 +172,36 @@ def test_glare_beside_a_bead_hides_it_unless_its_symmetry_is_measured(reference)
     assert windows.find_matched(REST_PX, everyone, REST_PX)[1][ONE]
     expected = min(10.0, 2.5 + 25.0 * excess)
     assert windows.noise(np.ones(COUNT, np.bool_))[ONE] == pytest.approx(expected, rel=1e-3)
+
+
+SLOPES = ((1.7, 0.0), (0.0, -2.0), (1.5, 1.5))
+
+
+@pytest.mark.parametrize("slope", SLOPES)
+def test_a_bead_in_sloping_light_is_found_where_it_is(reference, slope) -> None:
+    """Beside a lamp or in a contact's shade its contrast decides, not that the skin is uneven."""
+    windows = search(reference, plane(slope=slope))
+    windows.find_beads(REST_PX, COUNT, COUNT)
+    assert 0.05 < windows.excess[ONE] < 0.3  # hidden, were this an edge
+    position, found = windows.find_missing()
+    assert found[ONE]
+    assert np.linalg.norm(position[ONE] - REST_PX[ONE]) < 0.05
+    plain = Refiner(np.full(COUNT, DIAMETER_PX), np.full(COUNT, SPACING_PX)).refine(
+        plane(slope=slope), REST_PX
+    )
+    assert np.linalg.norm(plain.position_px[ONE] - REST_PX[ONE]) > 0.15
+
+
+@pytest.mark.parametrize("slope", SLOPES)
+def test_a_bead_that_is_uneven_at_rest_is_not_levelled(reference, slope) -> None:
+    """Its place in the reference frames is off in the same way."""
+    uneven = replace(reference, unevenness=reference.unevenness + one_bead(0.21, 0.0))
+    refiner = Refiner(np.full(COUNT, DIAMETER_PX), np.full(COUNT, SPACING_PX))
+    shown = plane(slope=2.0 * np.array(slope))
+    windows = search(uneven, shown)
+    position, _ = windows.find_beads(REST_PX, COUNT, COUNT)
+    assert windows.excess[ONE] > 0.0
+    np.testing.assert_allclose(position[ONE], refiner.refine(shown, REST_PX).position_px[ONE], atol=1e-6)
 
 
 def test_unevenness_that_most_beads_share_is_camera_noise(reference) -> None:
