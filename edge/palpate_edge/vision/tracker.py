@@ -2,8 +2,8 @@
 
 A frame is read in small windows around the last places, the missing beads once more where their neighbours
 predict them. Such labels are accepted when no bead jumped and hardly more are missing than before, or when
-no more are missing than in the last search and all move as one skin. Otherwise the blobs of the whole image are matched with the
-beads by topology (correspondence.py).
+no more are missing than in the last search and all move as one skin. Otherwise the blobs of the whole image
+are matched with the beads by topology (correspondence.py).
 
 Where the first windows show that the beads jumped away, the windows about the reference's places are read
 next: they show light touches. They are not read where they would not have shown the last frame that was

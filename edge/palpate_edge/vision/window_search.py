@@ -17,7 +17,7 @@ from palpate_edge.vision.subpixel import CONVERGED_STEP, Refiner
 MIN_CONTRAST_SHARE = 0.35  # of the bead's contrast in the reference frames
 AREA_RANGE = (0.45, 1.9)  # of the bead's area in the reference frames
 MAX_ADDED_UNEVENNESS = 0.08  # of the contrast, over the reference frames'; JPEG and blur add less than 0.06
-# The same in the reference frames; the places of more uneven beads, at the dome's edge, are off there too.
+# Of the contrast, in the reference frames: places of more uneven beads, as at the edge, are off there too.
 MAX_LEVELLED = 0.2
 MAX_STEP = 0.45  # of the spacing, from the expected place
 MAX_WINDOW_STEP = 0.5  # of the bead's diameter, from one window to the next

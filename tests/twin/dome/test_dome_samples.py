@@ -24,6 +24,7 @@ SMALL = {
     "APEX_PRESSES": 30,
     "UNEVEN_WALLS": 1,
     "PRESSES_A_WALL": 10,
+    "BALL_PRESSES": 12,
 }
 
 
@@ -51,13 +52,16 @@ def test_shapes_and_ranges(small):
     assert dome.twisted.torsions[::2] == pytest.approx(-dome.twisted.torsions[1::2])  # mirror images
 
 
-def test_presses_in_three_dimensions_are_even_near_the_apex_and_of_uneven_walls(small):
+def test_presses_in_three_dimensions_are_even_near_the_apex_of_uneven_walls_and_by_a_ball(small):
     solid = small[0].solid
-    assert len(solid.motions) == len(solid.forces) == len(solid.torsions) == 20 + 30 + 10
+    assert len(solid.motions) == len(solid.forces) == len(solid.torsions) == 20 + 30 + 10 + 12
     theta = np.arccos(solid.directions[:, 2])
     assert theta[20:50].max() < maker.APEX_THETA_RAD
     assert np.median(theta[:20]) > maker.APEX_THETA_RAD
     assert np.abs(solid.torsions).min() > 0
+    size = np.linalg.norm(solid.motions, axis=2)
+    peak = size.max(axis=1) / np.sqrt((size**2).mean(axis=1))
+    assert np.median(peak[60:]) > np.median(peak[:20])  # a small ball moves less of the skin
     assert np.isfinite(solid.motions).all()
     mirror = maker.field_grid.mirror_order()
     unlike = [motion[mirror] * (1, -1, 1) - motion for motion in solid.motions]
