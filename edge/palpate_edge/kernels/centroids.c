@@ -231,6 +231,7 @@ static int count_faint(const struct centroid_finder *finder, int count) {
         const struct levels levels = measure_levels(finder, finder->plane, finder->which[i], centre);
         finder->contrast[i] = levels.contrast;
         finder->unevenness[i] = levels.unevenness;
+        finder->levelled[i] = (uint8_t)levels.is_sloped;
         faint += !(levels.contrast >= finder->min_contrast[i]);
     }
     return faint;
