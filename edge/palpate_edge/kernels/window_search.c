@@ -195,7 +195,7 @@ static int is_faint_and_off(const struct window_search *s, int32_t bead, const d
 
 /* Whether a bead has no more glare beside it than `max_glare`, or the most of a bead that was levelled. */
 static int is_clear(const struct window_search *s, int32_t bead, float max_glare) {
-    return s->excess[bead] < (s->levelled[bead] ? larger(max_glare, s->max_levelled_glare) : max_glare);
+    return s->excess[bead] < (s->levelled[bead] ? s->max_levelled_glare : max_glare);
 }
 
 /* Look for the beads that were not found where the others predict them. */

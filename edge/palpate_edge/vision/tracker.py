@@ -192,14 +192,9 @@ class Tracker:
             return None
         if lost <= self._last_lost + MAX_LOST_AFTER_JUMP * count and not has_jumped:
             return labelling
-        return labelling if self._is_plausible(labelling) else None
-
-    def _is_plausible(self, labelling: Labelling) -> bool:
-        """Return whether no further beads were lost and all are displaced like their neighbours."""
-        position_px, found = labelling
-        if len(found) - np.count_nonzero(found) > self._accepted_lost:
-            return False
-        return self._correspondence.is_smooth(position_px, found)
+        # After a jump no further beads may be missing, and all have to be displaced like their neighbours.
+        is_whole = lost <= self._accepted_lost and self._correspondence.is_smooth(*labelling)
+        return labelling if is_whole else None
 
     def _in_whole_image(self, dark: Plane | None) -> Beads:
         """Match the blobs of the whole image with the beads."""
