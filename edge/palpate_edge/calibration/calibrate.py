@@ -23,7 +23,6 @@ from palpate_edge.estimation.field_smoothing.typical_fields import TypicalFields
 from palpate_edge.estimation.paper_method import PaperModel, RawContact, fit_paper_model, raw_contact
 from palpate_edge.estimation.virtual_points import VirtualPointMesh
 from palpate_edge.geometry.angles import polar_angle, rotation_about_z
-from palpate_edge.geometry.camera_pose import PRIOR_SIGMA
 from palpate_edge.geometry.sensor import Sensor
 from palpate_edge.vision.beads import COLOUR_FIT, SLOPED_LIGHT, Reference
 
@@ -67,7 +66,7 @@ def calibrate(
     trained, jig, typical = _Trained(), None, None
     open_rad = 0.0
     if dome is not None and not dataset.sensor.markers.rings:
-        measured, open_rad = _rolled(dataset.sensor, dome, measured)
+        measured, open_rad = _with_camera_of_presses(dataset.sensor, dome, measured)
     if dome is not None:
         measured = _with_fitted_beads(dataset, dome, measured)
         dome = _seen(dataset.sensor, dome, measured)
@@ -174,21 +173,17 @@ def _upright(sensor: Sensor, measured: Measured) -> Measured:
     check_mounting(mounting, can_turn=not sensor.markers.rings)
     if mounting.upright:
         return measured
-    from palpate_edge.calibration.training.roll import turned  # noqa: PLC0415 - rarely needed
+    from palpate_edge.calibration.training.learned_camera import turned  # noqa: PLC0415 - rarely needed
 
     return turned(measured, sensor, rotation_about_z(mounting.turn_rad))
 
 
-def _rolled(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measured, float]:
-    """Return the measurement with the camera's roll from the presses, which a learned layout leaves open, and
-    the standard deviation, rad, of the angles that stay open: roll and magnification."""
-    from palpate_edge.calibration.training.roll import camera_roll, turned  # noqa: PLC0415 - extra `train`
-    from palpate_edge.calibration.training.samples import training_presses  # noqa: PLC0415
+def _with_camera_of_presses(sensor: Sensor, dome: DomeModel, measured: Measured) -> tuple[Measured, float]:
+    from palpate_edge.calibration.training.learned_camera import (  # noqa: PLC0415 - extra `train`
+        with_camera_of_presses,
+    )
 
-    radius_mm = sensor.markers.radius_mm
-    roll = camera_roll(measured.reader(radius_mm), training_presses(measured), dome.for_markers(radius_mm))
-    open_rad = math.hypot(roll.sigma_rad, PRIOR_SIGMA[-1])
-    return turned(measured, sensor, rotation_about_z(roll.angle_rad)), open_rad
+    return with_camera_of_presses(measured, sensor, dome)
 
 
 def _with_fitted_beads(dataset: PressDataset, dome: DomeModel, measured: Measured) -> Measured:
@@ -221,7 +216,10 @@ def _adjusted(
 ) -> tuple[Measured, DomeModel, JigErrors | None]:
     """Return the measurement and the dome model adjusted to the places of a jig, and the jig's errors."""
     from palpate_edge.calibration.training.dome_adjustment import fit_adjustment  # noqa: PLC0415
-    from palpate_edge.calibration.training.roll import estimated_directions, turned  # noqa: PLC0415
+    from palpate_edge.calibration.training.learned_camera import (  # noqa: PLC0415 - extra `train`
+        estimated_directions,
+        turned,
+    )
     from palpate_edge.calibration.training.samples import jig_presses  # noqa: PLC0415
 
     presses = jig_presses(measured)

@@ -55,6 +55,16 @@ class SolidPresses:
     forces: Array
     torsions: Array
 
+    def every(self, step: int) -> SolidPresses:
+        """Return the first of each so many presses."""
+        return SolidPresses(
+            self.points,
+            self.motions[::step],
+            self.directions[::step],
+            self.forces[::step],
+            self.torsions[::step],
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class DomeModel:

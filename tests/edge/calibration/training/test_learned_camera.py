@@ -1,4 +1,4 @@
-"""The camera's roll, which a learned layout does not tell, from presses of known place."""
+"""The camera's roll and magnification, which a learned layout leaves open, from presses of known place."""
 
 from __future__ import annotations
 
@@ -11,13 +11,21 @@ import pytest
 from palpate_edge.calibration.calibrate import calibrate
 from palpate_edge.calibration.measurement import measure
 from palpate_edge.calibration.training.dome_model import load_dome_model
-from palpate_edge.calibration.training.roll import camera_roll, turned
+from palpate_edge.calibration.training.learned_camera import (
+    MAGNIFICATION_SIGMA,
+    camera_magnification,
+    camera_roll,
+    magnified,
+    turned,
+    with_camera_of_presses,
+)
 from palpate_edge.calibration.training.samples import training_presses
 from palpate_edge.datasets.press_dataset import read_dataset
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.angles import rotation_about_z
 
 ROLL_RAD = 0.03
+FACTOR = 0.96  # of the magnification
 PRESSES = 30
 
 
@@ -55,6 +63,44 @@ def test_turning_changes_no_picture(sample, measured):
     before = measured.view.project(measured.registration.layout_mm)
     after = turned(measured, sample.sensor, rotation_about_z(ROLL_RAD))
     np.testing.assert_allclose(after.view.project(after.registration.layout_mm), before, atol=1e-9)
+
+
+def found_magnification(sample, measured):
+    dome = load_dome_model().for_markers(sample.sensor.markers.radius_mm)
+    return camera_magnification(measured, sample.sensor, training_presses(measured), dome)
+
+
+def test_a_camera_whose_layout_is_known_has_its_magnification(sample, measured):
+    found = found_magnification(sample, measured)
+    assert found.factor == pytest.approx(1, abs=0.015)  # the dome model's error is 0.01
+    assert found.sigma < 0.6 * MAGNIFICATION_SIGMA
+
+
+@pytest.mark.slow
+def test_a_camera_of_a_wrong_focal_length_is_mended(sample, measured):
+    """The places of a known layout's beads are the truth."""
+    layout_mm = measured.registration.layout_mm
+    wrong = magnified(measured, sample.sensor, FACTOR)
+    mended, _ = with_camera_of_presses(wrong, sample.sensor, load_dome_model())
+    was_mm, is_mm = (
+        np.linalg.norm(each.registration.layout_mm - layout_mm, axis=1).mean() for each in (wrong, mended)
+    )
+    assert was_mm > 0.5, was_mm
+    assert is_mm < 0.4 * was_mm, (was_mm, is_mm)
+
+
+def test_another_magnification_changes_no_picture(sample, measured):
+    before = measured.view.project(measured.registration.layout_mm)
+    after = magnified(measured, sample.sensor, FACTOR)
+    np.testing.assert_allclose(after.view.project(after.registration.layout_mm), before, atol=1e-6)
+    on_sphere = np.linalg.norm(after.registration.layout_mm, axis=1)
+    np.testing.assert_allclose(on_sphere, sample.sensor.markers.radius_mm)
+
+
+def test_no_press_leaves_the_magnification_open(sample, measured):
+    same, open_rad = with_camera_of_presses(replace(measured, touches=()), sample.sensor, load_dome_model())
+    assert same.registration.pose.focal_scale == measured.registration.pose.focal_scale
+    assert open_rad > MAGNIFICATION_SIGMA
 
 
 def test_no_press_tells_no_roll(sample, measured):
