@@ -40,7 +40,7 @@ from palpate_edge.calibration.training.uncertainty.left_out_regions import regio
 from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.estimation.calibration import RegionErrors
 
-DOME_LENGTH, DOME_RIDGE = 1.0, 2e-3
+DOME_LENGTH, DOME_RIDGE = 1.0, 5e-3
 ALONE_LENGTH, ALONE_RIDGE = 2.58, 3e-5  # of the dome model without presses of the sensor
 FIRM = 0.5  # of the median size of the dome model's fields; the force of a smaller one is less exact
 # Length and ridge of the sensor's own parts.
