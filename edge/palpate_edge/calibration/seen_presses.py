@@ -25,7 +25,6 @@ from palpate_edge.vision.beads import Beads
 
 NOISE_PX = 0.02  # of the beads' places, here and in the dome model
 RIDGE = 1e-6  # of the interpolation between the points
-VARY_EVERY = 3  # presses of which one is turned and has hidden beads
 ERROR_SHARE = 0.5  # of the beads' errors; all of them made forces worse with 200 presses (7202, 7207)
 GOLDEN_TURN_RAD = np.pi * (3 - 5**0.5)  # from one press to the next: azimuths that repeat nowhere
 
@@ -51,7 +50,7 @@ def seen_by(
 
 
 def _with_presses(dome: DomeModel, reader: DisplacementReader, presses: list[TrainingPress]) -> DomeModel:
-    samples = make_samples(reader, presses, copies=1, vary_every=VARY_EVERY)
+    samples = make_samples(reader, presses, copies=1, vary_all=True)
     twisted = None
     if samples.torsions_Nmm is not None:
         twisted = TwistedPresses(samples.fields, samples.torsions_Nmm)
@@ -61,7 +60,6 @@ def _with_presses(dome: DomeModel, reader: DisplacementReader, presses: list[Tra
         directions=samples.directions,
         forces=samples.forces_N,
         twisted=twisted,
-        plain=samples.plain,
         is_seen=True,
     )
 

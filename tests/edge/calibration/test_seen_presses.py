@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -102,23 +100,3 @@ def test_presses_seen_teach_the_torsion_and_are_sized_with_the_dome() -> None:
     smaller = dome.for_markers(RADIUS_MM / 2).solid
     assert smaller is not None
     assert smaller.torsions == pytest.approx([3.0 / 8])  # a force's square of the size, and its arm
-
-
-def test_one_of_three_presses_has_hidden_beads_and_is_turned() -> None:
-    """All presses dent the skin alike, so that those with all beads have nearly one field."""
-    points = sphere(9.0, 81.0)
-    middle = np.array([np.sin(0.8), 0.0, np.cos(0.8)])
-    depth_mm = np.exp(-((points - middle) ** 2).sum(axis=1) / 0.2)
-    one = model(-depth_mm[:, None] * points, points)
-    assert one.solid is not None
-    solid, count = one.solid, 12
-    motions, directions, forces = (
-        np.repeat(each, count, axis=0) for each in (solid.motions, solid.directions, solid.forces)
-    )
-    repeated = SolidPresses(points, motions, directions, forces, np.repeat(solid.torsions, count))
-    seen = seen_by(*sensor(45.0), replace(one, solid=repeated))
-    assert seen.plain is not None
-    assert seen.plain.tolist() == 4 * [False, False, True, True, True, True]  # each with its mirror image
-    off = np.linalg.norm(seen.fields[::2] - seen.fields[2], axis=1) / np.linalg.norm(seen.fields[2])
-    assert off[seen.plain[::2]].max() < 0.07, off
-    assert np.median(off[~seen.plain[::2]]) > 1.5 * off[seen.plain[::2]].max(), off

@@ -120,24 +120,21 @@ def make_samples(
     seed: int = 0,
     copies: int | None = None,
     *,
-    vary_every: int = 0,
+    vary_all: bool = False,
     region_share: float = 0.0,
 ) -> Samples:
-    """Every press in turned, partly hidden copies, the first as it is; each with its mirror image.
-
-    copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given; vary_every: of so many presses
-    one has no copy as it is (1: none has, 0: all have); region_share: of the copies that hide a region.
-    """
+    """Every press in turned, partly hidden copies, the first as it is unless `vary_all`; each with its
+    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given; region_share: of
+    the copies that hide a region."""
     rng, (unit, _) = np.random.default_rng(seed), reader.geometry
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []
     torsions: list[float] = []
     for index, press in enumerate(presses):
-        is_varied = vary_every > 0 and index % vary_every == 0
         for copy in range(copies):
             beads, turn = press.beads, 0.0
-            if copy or is_varied:
+            if copy or vary_all:
                 beads = _hide(press.beads, unit, press.direction, rng, region_share)
                 turn = float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
@@ -151,7 +148,7 @@ def make_samples(
                 hidden.append(field.hidden)
                 faint.append(press.faintness)
                 owner.append(index)
-                plain.append(copy == 0 and not is_varied)
+                plain.append(copy == 0 and not vary_all)
                 torsions.append(float(sign[1]) * (press.torsion_Nmm or 0.0))
     return Samples(
         np.array(fields),
