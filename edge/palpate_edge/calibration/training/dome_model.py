@@ -56,7 +56,7 @@ class SolidPresses:
     torsions: Array
 
     def every(self, step: int) -> SolidPresses:
-        """Return the first of each so many presses."""
+        """Return one of `step` presses, in their order."""
         return SolidPresses(
             self.points,
             self.motions[::step],

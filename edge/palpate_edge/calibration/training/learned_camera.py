@@ -171,7 +171,7 @@ def _scaled(pose: CameraPose, factor: float) -> CameraPose:
 
 
 def _thinned(dome: DomeModel, step: int) -> DomeModel:
-    """Return the dome model with every so manieth of its presses in three dimensions."""
+    """Return the dome model with one of `step` of its presses in three dimensions."""
     if dome.solid is None:
         return dome
     return replace(dome, solid=dome.solid.every(step))
