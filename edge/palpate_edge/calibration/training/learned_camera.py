@@ -26,12 +26,11 @@ from palpate_edge.calibration.training.samples import TrainingPress, training_pr
 from palpate_edge.common.arrays import Array
 from palpate_edge.estimation.displacement_field import DisplacementReader
 from palpate_edge.geometry.angles import rotation_about_z
+from palpate_edge.geometry.camera_pose import PRIOR_SIGMA
 from palpate_edge.geometry.sensor import CameraPose, Sensor, View
 from palpate_edge.vision.beads import Beads
 
-# Of assembly, as in camera_pose.PRIOR_SIGMA.
-ROLL_SIGMA_RAD = 0.02
-MAGNIFICATION_SIGMA = 0.02
+ROLL_SIGMA_RAD, MAGNIFICATION_SIGMA = map(float, PRIOR_SIGMA[5:])  # of assembly
 MODEL_SIGMA = 0.03  # of the dome model's error for a press, over the dome's radius
 MODEL_MAGNIFICATION_SIGMA = 0.01  # of its error common to all presses of a sensor (twins 7401 to 7405)
 OUTLYING = 2.0  # standard deviations; presses farther off count less (Huber's estimate)
@@ -91,8 +90,8 @@ def camera_magnification(
     )
     places_px = measured.view.project(radius_mm * given)
     larger, smaller = (
-        View(sensor.camera, _scaled(measured.registration.pose, 1 + step)).onto_sphere(places_px, radius_mm)
-        for step in (STEP, -STEP)
+        View(sensor.camera, _scaled(measured.registration.pose, factor)).onto_sphere(places_px, radius_mm)
+        for factor in (1 + STEP, 1 - STEP)
     )
     change = (larger - smaller) / (2 * STEP * radius_mm)
     seen = np.isfinite(change).all(axis=1)  # a ray at the dome's outline may miss it
