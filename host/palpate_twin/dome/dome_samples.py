@@ -131,7 +131,9 @@ def _one_sensor(library: FieldLibrary, rng: np.random.Generator, *, twisted: boo
     reference_px = view.project(directions * field_grid.BEAD_RADIUS_MM)
     reader = DisplacementReader(reference_px, view, field_grid.BEAD_RADIUS_MM)
     presses = [_press(library, directions, view, rng, twisted=twisted) for _ in range(PRESSES_A_SENSOR)]
-    return make_samples(reader, presses, int(rng.integers(2**31)), COPIES, vary_all=True)
+    return make_samples(
+        reader, presses, int(rng.integers(2**31)), COPIES, varied=np.ones(len(presses), np.bool_)
+    )
 
 
 def _random_pose(rng: np.random.Generator) -> CameraPose:

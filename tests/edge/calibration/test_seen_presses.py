@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,3 +102,26 @@ def test_presses_seen_teach_the_torsion_and_are_sized_with_the_dome() -> None:
     smaller = dome.for_markers(RADIUS_MM / 2).solid
     assert smaller is not None
     assert smaller.torsions == pytest.approx([3.0 / 8])  # a force's square of the size, and its arm
+
+
+def test_faint_presses_and_one_of_three_have_hidden_beads_and_are_turned() -> None:
+    """All presses dent the skin alike, every second one less: those with all beads have nearly one shape."""
+    points = sphere(9.0, 81.0)
+    middle = np.array([np.sin(0.8), 0.0, np.cos(0.8)])
+    depth_mm = np.exp(-((points - middle) ** 2).sum(axis=1) / 0.2)
+    one = model(-depth_mm[:, None] * points, points)
+    assert one.solid is not None
+    solid, count = one.solid, 12
+    motions, directions, forces = (
+        np.repeat(each, count, axis=0) for each in (solid.motions, solid.directions, solid.forces)
+    )
+    motions[1::2] *= 0.5
+    repeated = SolidPresses(points, motions, directions, forces, np.repeat(solid.torsions, count))
+    seen = seen_by(*sensor(45.0), replace(one, solid=repeated))
+    assert seen.plain is not None
+    plain = seen.plain[::2]  # each has its mirror image beside it
+    assert np.flatnonzero(plain).tolist() == [2, 4, 8, 10]
+    shapes = seen.fields[::2] / np.linalg.norm(seen.fields[::2], axis=1, keepdims=True)
+    off = np.linalg.norm(shapes - shapes[2], axis=1)
+    assert off[plain].max() < 0.07, off
+    assert np.median(off[~plain]) > 1.5 * off[plain].max(), off

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.common.atomic_write import atomic_file
 from palpate_edge.common.errors import CalibrationError
 from palpate_edge.estimation.displacement_field import canonical_directions, mirrored
@@ -70,8 +70,9 @@ class SolidPresses:
 class DomeModel:
     """n presses: fields (n, 2 g) mm, directions (n, 3) of contact, forces (n, 3), all in the canonical
     frame, of a dome whose beads lie on a sphere of markers_radius_mm. twisted: presses that teach the
-    torsion, None where none is known. solid: further presses for `seen_presses`, None without them. is_seen:
-    whether the n presses are as the camera of the sensor at hand shows them."""
+    torsion, None where none is known. solid: further presses for `seen_presses`, None without them. plain
+    (n,): those that are neither turned nor have hidden beads, None where none is. is_seen: whether the n
+    presses are as the camera of the sensor at hand shows them."""
 
     fields: Array
     directions: Array
@@ -79,6 +80,7 @@ class DomeModel:
     markers_radius_mm: float
     twisted: TwistedPresses | None = None
     solid: SolidPresses | None = None
+    plain: Mask | None = None
     is_seen: bool = False
 
     def for_markers(self, radius_mm: float) -> DomeModel:

@@ -37,16 +37,16 @@ from palpate_edge.calibration.training.uncertainty.confidence_radius import (
 )
 from palpate_edge.calibration.training.uncertainty.interval import Interval, fit_interval
 from palpate_edge.calibration.training.uncertainty.left_out_regions import region_errors
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.estimation.calibration import RegionErrors
 
-DOME_LENGTH, DOME_RIDGE = 1.0, 1e-2
-ALONE_LENGTH, ALONE_RIDGE = 2.58, 1e-4  # of the dome model without presses of the sensor
+DOME_LENGTH, DOME_RIDGE = 1.0, 5e-3
+ALONE_LENGTH, ALONE_RIDGE = 2.58, 3e-5  # of the dome model without presses of the sensor
 FIRM = 0.5  # of the median size of the dome model's fields; the force of a smaller one is less exact
 # Length and ridge of the sensor's own parts.
 LENGTHS, RIDGES = (0.7, 1.5, 4.0), (1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 SETTINGS = len(LENGTHS) * len(RIDGES)  # pairs of them
-VARIED_NOISE = 4.0  # of turned copies and those with hidden beads, over a plain one's
+VARIED_NOISE = 4.0  # of turned presses and those with hidden beads, over a plain one's
 CHOOSINESS = 10.0  # power of the smallest score over a setting's own, by which settings are averaged
 LEAST_SCORE = 1e-9  # mm, N; forces that are all zero are learned without error, by each setting
 FEWEST_PRESSES = 5  # that a difference to the dome model is learned from
@@ -219,6 +219,11 @@ def _force_noise(dome: DomeModel) -> Array:
     return np.asarray(np.maximum(1.0, FIRM * np.median(size) / size) ** 2)
 
 
+def _varied_noise(plain: Mask) -> Array:
+    """Return the variance (n,) of turned presses and those with hidden beads, over that of plain ones."""
+    return np.where(plain, 1.0, VARIED_NOISE)
+
+
 def _offset(targets: Array, noise: Array) -> Array:
     """Return the mean (6,) of targets (n, 6), that of forces by their noise (n,)."""
     force = np.average(targets[:, 3:], axis=0, weights=1.0 / noise)
@@ -226,12 +231,13 @@ def _offset(targets: Array, noise: Array) -> Array:
 
 
 def _fit_dome(projection: Projection, dome: DomeModel, length: float, ridge: float) -> TrainedExpansion:
-    points, noise = projection.points(dome.fields), _force_noise(dome)
+    points, faint = projection.points(dome.fields), _force_noise(dome)
+    noise = _varied_noise(np.zeros(len(points), np.bool_) if dome.plain is None else dome.plain)
     target = _targets(dome.fields, dome.directions, dome.forces)
-    offset = _offset(target, noise)
+    offset = _offset(target, faint)
     gram, off = gaussian_kernel(points, points, length), target - offset
-    places = np.linalg.solve(gram + ridge * np.eye(len(gram)), off[:, :3])
-    forces = np.linalg.solve(gram + np.diag(ridge * noise), off[:, 3:])
+    places = np.linalg.solve(gram + np.diag(ridge * noise), off[:, :3])
+    forces = np.linalg.solve(gram + np.diag(ridge * noise * faint), off[:, 3:])
     return TrainedExpansion(points, length, np.concatenate([places, forces], axis=1), offset)
 
 
@@ -271,7 +277,7 @@ def _fit_own(
     target = _targets(samples.fields, samples.directions, samples.forces_N)
     groups = [np.flatnonzero(samples.press == press) for press in np.unique(samples.press)]
     known = np.broadcast_to(target.mean(axis=0), target.shape) if given is None else given
-    noise = np.diag(samples.faintness**2 * np.where(samples.plain, 1.0, VARIED_NOISE))
+    noise = np.diag(samples.faintness**2 * _varied_noise(samples.plain))
     fitted, held_out = [], []
     for length in LENGTHS:
         gram = gaussian_kernel(points, points, length)

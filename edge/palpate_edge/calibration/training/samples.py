@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate_edge.calibration.measurement import Measured
 from palpate_edge.calibration.training.dome_adjustment import JigPress
 from palpate_edge.calibration.training.dome_model import MIRROR
-from palpate_edge.common.arrays import Array
+from palpate_edge.common.arrays import Array, Mask
 from palpate_edge.estimation.displacement_field import DisplacementReader, mirrored
 from palpate_edge.estimation.skin_motion import SkinMotion, faintness
 from palpate_edge.geometry.angles import rotation_about_z
@@ -120,21 +120,24 @@ def make_samples(
     seed: int = 0,
     copies: int | None = None,
     *,
-    vary_all: bool = False,
+    varied: Mask | None = None,
     region_share: float = 0.0,
 ) -> Samples:
-    """Every press in turned, partly hidden copies, the first as it is unless `vary_all`; each with its
-    mirror image. copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given; region_share: of
-    the copies that hide a region."""
+    """Every press in turned, partly hidden copies, the first as it is; each with its mirror image.
+
+    copies: as many as `MOST_SAMPLES` and `MOST_COPIES` allow when not given; varied: of which presses (n,) no
+    copy is as it is, of none when not given; region_share: of the copies that hide a region.
+    """
     rng, (unit, _) = np.random.default_rng(seed), reader.geometry
     if copies is None:
         copies = int(np.clip(MOST_SAMPLES // max(1, 2 * len(presses)), 1, MOST_COPIES))
     fields, directions, forces, hidden, faint, owner, plain = [], [], [], [], [], [], []
     torsions: list[float] = []
     for index, press in enumerate(presses):
+        is_varied = varied is not None and bool(varied[index])
         for copy in range(copies):
             beads, turn = press.beads, 0.0
-            if copy or vary_all:
+            if copy or is_varied:
                 beads = _hide(press.beads, unit, press.direction, rng, region_share)
                 turn = float(TURN_SIGMA_RAD * rng.standard_normal())
             field = reader.read(beads, turn)
@@ -148,7 +151,7 @@ def make_samples(
                 hidden.append(field.hidden)
                 faint.append(press.faintness)
                 owner.append(index)
-                plain.append(copy == 0 and not vary_all)
+                plain.append(copy == 0 and not is_varied)
                 torsions.append(float(sign[1]) * (press.torsion_Nmm or 0.0))
     return Samples(
         np.array(fields),

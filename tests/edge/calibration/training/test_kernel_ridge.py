@@ -156,3 +156,16 @@ def test_the_force_of_faint_presses_of_the_dome_model_changes_that_of_firm_ones_
     )
     off = np.linalg.norm(changed - given, axis=1) / np.linalg.norm(given, axis=1)
     assert np.percentile(off, 95) < 0.1  # 0.18 where all presses count alike
+
+
+def test_presses_of_the_dome_model_with_hidden_beads_count_less(problem, test_presses):
+    dome = dome_of(problem.samples(500, seed=9))
+    plain = np.arange(len(dome.fields)) % 2 == 0
+    given = fit(None, replace(dome, plain=plain), RADIUS_MM).predict(test_presses.fields, test_presses.hidden)
+    changed_N = []
+    for wrong in (plain, ~plain):
+        noise = 0.05 * np.random.default_rng(0).standard_normal(dome.forces.shape)
+        noisy = replace(dome, plain=plain, forces=dome.forces + np.where(wrong[:, None], noise, 0.0))
+        forces_N = fit(None, noisy, RADIUS_MM).predict(test_presses.fields, test_presses.hidden)[1]
+        changed_N.append(np.linalg.norm(forces_N - given[1], axis=1).mean())
+    assert changed_N[1] < 0.7 * changed_N[0], changed_N

@@ -76,8 +76,8 @@ def test_a_press_is_as_far_from_the_pole_as_it_was_and_as_strong(samples):
     assert samples.forces_N == pytest.approx(-depth[:, None] * samples.directions)
 
 
-def test_vary_all_leaves_no_plain_one(reader, presses):
-    varied = make_samples(reader, presses, copies=2, vary_all=True)
+def test_every_press_varied_leaves_no_plain_one(reader, presses):
+    varied = make_samples(reader, presses, copies=2, varied=np.ones(len(presses), np.bool_))
     assert not varied.plain.any()
 
 
