@@ -36,7 +36,7 @@ class LightField:
         rest_mm = self._inner_mm * self._directions
         # A press changes the light of all LEDs almost equally, so one lamp in their middle represents them.
         self._lamp_mm = np.average(leds_mm, axis=0, weights=powers)
-        self._lamp_at_rest = _irradiance(rest_mm, rest_mm, self._lamp_mm)
+        self._lamp_at_rest = _irradiance(rest_mm, _normals(rest_mm), self._lamp_mm)  # as of a press
         x, y = _coarse_pixels(part)
         theta, phi = _polar_coordinates(view, self._inner_mm, x, y)
         self._ring = (theta / np.radians(grid.RING_STEP_DEG)).astype(np.float32)

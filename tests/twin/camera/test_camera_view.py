@@ -170,6 +170,13 @@ def test_skin_pushed_towards_the_lights_is_brighter(library: FieldLibrary) -> No
     assert _middle_light(view, side) == pytest.approx(_middle_light(view, None), rel=0.01)
 
 
+def test_a_press_that_hardly_moves_the_skin_leaves_the_picture_as_it_is(library: FieldLibrary) -> None:
+    """Down to the base, where the light grazes the skin."""
+    view = CameraView(_twin(), library)
+    untouched, touched = (view.frame(press, _rng())[0] for press in (None, ProbePress(0.0, 0.0, 1e-6)))
+    np.testing.assert_array_equal(touched, untouched)
+
+
 def test_ambient_light_is_kept_out_where_something_touches(library: FieldLibrary) -> None:
     lit, unlit = (
         CameraView(_twin(msgspec.structs.replace(QUIET, ambient=share)), library) for share in (0.8, 0.0)
