@@ -30,15 +30,15 @@ class LightField:
     def __init__(self, sensor: Sensor, view: View, look: Look, part: Part) -> None:
         """Compute the light without touch. part: of the image; its sides are multiples of `STEP`."""
         rng = np.random.default_rng([look.seed, 1])
-        self._inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
+        inner_mm = sensor.dome.outer_radius_mm - sensor.dome.wall_mm
         self._directions = skin_directions()
         leds_mm, powers = _leds(view, look, rng)
-        rest_mm = self._inner_mm * self._directions
+        rest_mm = self._rest_mm = inner_mm * self._directions
         # A press changes the light of all LEDs almost equally, so one lamp in their middle represents them.
         self._lamp_mm = np.average(leds_mm, axis=0, weights=powers)
         self._lamp_at_rest = _irradiance(rest_mm, _normals(rest_mm), self._lamp_mm)  # as of a press
         x, y = _coarse_pixels(part)
-        theta, phi = _polar_coordinates(view, self._inner_mm, x, y)
+        theta, phi = _polar_coordinates(view, inner_mm, x, y)
         self._ring = (theta / np.radians(grid.RING_STEP_DEG)).astype(np.float32)
         self._turn = (phi % (2 * np.pi) * AZIMUTHS / (2 * np.pi) + WRAP).astype(np.float32)
         lens = _vignetting(view, sensor.camera.matrix[2:], look.vignetting, x, y)
@@ -67,8 +67,7 @@ class LightField:
 
         skin_mm: displacement of the polar grid (:class:`Deformation`); changing: of this frame.
         """
-        rest_mm = self._inner_mm * self._directions
-        moved = rest_mm + skin_mm
+        moved = self._rest_mm + skin_mm
         gain = _irradiance(moved, _normals(moved), self._lamp_mm) / self._lamp_at_rest
         gain[0] = gain[1].mean()  # row 0 is the pole, where the grid has no normal
         inward_mm = np.clip(-(skin_mm * self._directions).sum(axis=2), 0, None)

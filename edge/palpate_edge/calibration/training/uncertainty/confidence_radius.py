@@ -26,7 +26,7 @@ UNTAUGHT = 1 / 40  # 95 % radius over the dome's without presses of the sensor i
 UNTAUGHT_HIDDEN_SLOPE = 1.3
 OPEN = 1.6  # 95 % of contacts up to 75 deg are off by less, over the dome's radius and the angles' deviation
 STRANGER_DEG = 10.0  # from the nearest known polar angle: errors may be twice as large
-# Sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses.
+# Six sensors of the twin (seeds 40 to 43, 46, 47), each calibrated three times with 5, 10, 20 and 50 presses.
 PRIOR_MEDIAN = 1 / 110  # of the dome's radius
 PRIOR_LEVEL_PRESSES = 5.0  # how many presses the median weighs
 TYPICAL = TypicalErrors(NormalDist(0.0, 0.70), flattery_presses=4.0)
